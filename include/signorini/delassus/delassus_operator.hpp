@@ -1,0 +1,35 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "signorini/delassus/scaled_delassus.hpp"
+#include "signorini/problem/constraint_set.hpp"
+#include "signorini/types.hpp"
+
+namespace signorini {
+
+/// G = J M^-1 J^T, symmetric positive semidefinite. The solvers see it only through this interface; a matrix that was
+/// given unsymmetric stands for its symmetric part.
+class DelassusOperator {
+ public:
+  virtual ~DelassusOperator() = default;
+  virtual Index size() const = 0;
+  /// y = G x; y must not be x.
+  virtual void apply(const ConstVectorRef& x, VectorRef y) const = 0;
+  virtual void diagonal(VectorRef diagonal) const = 0;
+  /// G as an explicit sparse matrix, both triangles (Gauss-Seidel, validation, export).
+  virtual SparseMatrix matrix() const = 0;
+  /// max |G - G^T| / max |G| of what was given.
+  virtual double asymmetry() const { return 0.0; }
+  /// A label 0, 1, ... for each set: sets with different labels do not act on each other, directly or through others.
+  virtual std::vector<int> islands(const ConstraintSets& sets) const = 0;
+  /// The operator of some of the rows, in the given order: whole islands.
+  virtual std::shared_ptr<const DelassusOperator> restrict(const std::vector<Index>& rows) const = 0;
+  /// Makes `system` stand for S (G + R) S, with S = diag(scale), R = diag(compliance). Reuses the object and its
+  /// symbolic analysis when it already stands for an operator of this kind with the same pattern.
+  virtual void prepare(const ConstraintSets& sets, const ConstVectorRef& scale, const ConstVectorRef& compliance,
+                       std::unique_ptr<ScaledDelassus>& system) const = 0;
+};
+
+}  // namespace signorini

@@ -1,0 +1,51 @@
+#pragma once
+
+#include <memory>
+
+#include "signorini/delassus/delassus_operator.hpp"
+#include "signorini/problem/constraint_set.hpp"
+
+namespace signorini {
+
+/// Find the impulse lambda with
+///     lambda in K,   sigma = (G + R) lambda + g,   -(sigma + Gamma(sigma)) in N_K(lambda),
+/// which for friction cones is the NCP (27) of Carpentier et al. 2024, for Law::Ccp its convex relaxation.
+/// Constant once built; safe to solve from several threads (one Workspace each).
+class ContactProblem {
+ public:
+  /// delassus: G = J M^-1 J^T [1/kg], symmetric positive semidefinite, n x n; not null.
+  /// free_velocity: g [m/s], n. sets: product of constraint sets with n rows.
+  /// compliance: diagonal of R [1/kg], n values >= 0, or empty for rigid.
+  /// Raises InvalidInput naming the field, the value and the allowed range: sizes, NaN, infinities, magnitudes beyond
+  /// 1e100, negative compliance or diagonal. Definiteness costs a factorisation: see check_definite().
+  ContactProblem(std::shared_ptr<const DelassusOperator> delassus, Vector free_velocity, ConstraintSets sets,
+                 Vector compliance = Vector());
+
+  Index size() const { return free_velocity_.size(); }
+  Index num_sets() const { return sets_.num_sets(); }
+  Index num_contacts() const { return sets_.num_contacts(); }
+  const DelassusOperator& delassus() const { return *delassus_; }
+  std::shared_ptr<const DelassusOperator> delassus_ptr() const { return delassus_; }
+  const Vector& free_velocity() const { return free_velocity_; }
+  const Vector& compliance() const { return compliance_; }  ///< always n values
+  const ConstraintSets& sets() const { return sets_; }
+  /// d_i = trace(G_ii + R_ii) / rows of set i, repeated on its rows; 1 where that is 0. Impulses times sqrt(d) and
+  /// velocities over sqrt(d) are in sqrt(J), whatever the masses and units.
+  const Vector& scale() const { return scale_; }
+
+  /// velocity = (G + R) impulse + g.
+  void velocity(const ConstVectorRef& impulse, VectorRef velocity) const;
+
+  /// Raises InvalidInput("delassus", ...) when G + R is not positive semidefinite beyond rounding and beyond what its
+  /// asymmetry explains. One sparse factorisation.
+  void check_definite() const;
+
+ private:
+  std::shared_ptr<const DelassusOperator> delassus_;
+  Vector free_velocity_;
+  ConstraintSets sets_;
+  Vector compliance_;
+  Vector scale_;
+};
+
+}  // namespace signorini

@@ -1,0 +1,31 @@
+#pragma once
+
+#include "signorini/problem/contact_problem.hpp"
+
+namespace signorini {
+
+/// The certificate: how far an impulse is from solving a problem, asked of no solver. NaN as soon as anything is NaN.
+/// With sigma = (G + R) impulse + g and s = sigma + Gamma(sigma), maxima over the sets:
+struct Residual {
+  double primal = 0.0;           ///< dist(impulse, K) [N s]
+  double dual = 0.0;             ///< dist(s, K*) [m/s]; |s| for an equality, 0 for an interval
+  double complementarity = 0.0;  ///< |impulse . s| [J]; for an interval (x - lower) s+ + (upper - x) s-
+  /// The number that judges, free of units and scale: max |l - P_K(l - t)| / max(max |l|, max |g| / sqrt(d)) with
+  /// l = sqrt(d) impulse, t = s / sqrt(d), d = ContactProblem::scale().
+  double relative = 0.0;
+  // Two physical readings, friction cones only:
+  double signorini = 0.0;    ///< max of approach speed left [m/s], -min(sigma_N, 0), and pull [N s], -min(impulse_N, 0)
+  double dissipation = 0.0;  ///< max |impulse_T . sigma_T + friction impulse_N |sigma_T|| [J]
+
+  bool solves(double tolerance) const { return relative <= tolerance; }  // false for NaN
+};
+
+/// impulse: n values [N s]. velocity, if given, receives sigma (without Gamma).
+Residual residual(const ContactProblem& problem, const ConstVectorRef& impulse, Law law = Law::Ncp,
+                  Vector* velocity = nullptr);
+
+/// The same without allocating: sigma and scratch have n values; sigma is an output.
+Residual residual(const ContactProblem& problem, const ConstVectorRef& impulse, Law law, VectorRef sigma,
+                  VectorRef scratch);
+
+}  // namespace signorini

@@ -1,0 +1,21 @@
+#pragma once
+
+#include <vector>
+
+#include "signorini/solver/interior_point.hpp"
+#include "signorini/solver/newton.hpp"
+
+namespace signorini {
+
+struct AutoWorkspace {
+  ScaledProblem problem;
+  InteriorPoint interior_point;
+  NewtonMemory newton;
+  Vector l, best, impulse, scratch;
+};
+
+/// The default method: nobody should have to choose (docs/solvers, auto).
+void solve_auto(const ContactProblem& problem, const Settings& settings, AutoWorkspace& workspace, const Guess* guess,
+                Solution& solution);
+
+}  // namespace signorini

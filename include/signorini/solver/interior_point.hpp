@@ -1,0 +1,72 @@
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "signorini/solver/scaled_problem.hpp"
+#include "signorini/solver/solution.hpp"
+
+namespace signorini {
+
+/// Primal-dual interior point for the NCP and the CCP: Nesterov-Todd scaling, Mehrotra's corrector, and the derivative
+/// of the De Saxce term inside the Newton step (docs/theory, interior point). One step at a time, so that others can
+/// finish what it started.
+class InteriorPoint {
+ public:
+  /// Starts at the centre of the cones, or next to l_guess (scaled impulse) when given.
+  void start(ScaledProblem& problem, Law law, const Vector* l_guess = nullptr);
+
+  /// One step; false when it cannot go on (not finite).
+  bool step();
+
+  double relative() const { return relative_; }     ///< certificate of impulse()
+  const Vector& impulse() const { return l_; }      ///< scaled, inside the cones
+  int factorizations() const { return factorizations_; }
+  int iterations() const { return iterations_; }
+  /// True after a step whose matrix had a negative determinant: the De Saxce derivative is held back.
+  bool held_back() const { return theta_ < 1.0; }
+  double last_step() const { return step_; }
+  double start_scale = 1.0;  ///< size of the starting impulse
+  bool lagged = false;       ///< leave the De Saxce derivative out of the matrix altogether
+
+ private:
+  using Vector3 = std::array<double, 3>;
+  /// A cone (Jordan coordinates: (mu l_N, l_T1, l_T2)) or, with line set, one bound of a one-row set.
+  struct Element {
+    int set = 0, row = 0;
+    bool line = false;
+    double friction = 0.0;           // cone
+    double sign = 1.0, bound = 0.0;  // line: x = sign (l - bound)
+    Vector3 x{}, z{}, dx{}, dz{}, centre{}, w{}, lambda{};
+    double eta = 1.0;     // NT scaling, det(x) / det(z) to the quarter
+    double h[3][3] = {};  // H = W^-2
+  };
+
+  void evaluate();           // t_, residual_, relative_ and the complementarity
+  void scalings();           // eta, w, h of every element
+  bool factor();             // X + A, with the determinant guard
+  void direction();          // dx, dz of every element from its centre
+  double longest_step() const;
+  double complementarity(double step) const;  // sum of x . z after the step
+
+  ScaledProblem* problem_ = nullptr;
+  Law law_ = Law::Ncp;
+  std::vector<Element> elements_;
+  std::vector<std::uint8_t> fixed_;  // rows whose impulse is fixed: tangents of frictionless contacts, points
+  bool any_fixed_ = false;
+  Vector l_, t_, natural_, residual_, rhs_, correction_;
+  BlockDiagonal x_, y_;
+  double relative_ = 0.0, mu_ = 0.0, step_ = 1.0, theta_ = 1.0;
+  int iterations_ = 0, factorizations_ = 0, negatives_ = 0, hold_ = 0, hold_length_ = 8;
+};
+
+struct InteriorPointWorkspace {
+  ScaledProblem problem;
+  InteriorPoint method;
+  Vector best, scratch;
+};
+
+void solve_interior_point(const ContactProblem& problem, const Settings& settings, InteriorPointWorkspace& workspace,
+                          const Guess* guess, Solution& solution);
+
+}  // namespace signorini

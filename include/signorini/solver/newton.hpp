@@ -1,0 +1,34 @@
+#pragma once
+
+#include "signorini/solver/scaled_problem.hpp"
+#include "signorini/solver/solution.hpp"
+
+namespace signorini {
+
+/// Vectors of the semismooth Newton method, sized once.
+struct NewtonMemory {
+  Vector l, t, natural, direction, trial, trial_t, trial_natural, best;
+  BlockDiagonal x, y;
+  void resize(Index size, Index num_sets);
+};
+
+struct NewtonResult {
+  double relative = 0.0;  ///< certificate of NewtonMemory::best
+  int iterations = 0;
+  int factorizations = 0;
+};
+
+/// Semismooth Newton on the natural map l - P_K(l - t - Gamma(t)) of a scaled problem, from memory.l. Quadratic near a
+/// solution, nothing promised far from one: made to finish and to warm-start. memory.best is the best iterate seen.
+NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance, int max_iterations,
+                               NewtonMemory& memory);
+
+struct NewtonWorkspace {
+  ScaledProblem problem;
+  NewtonMemory memory;
+};
+
+void solve_newton(const ContactProblem& problem, const Settings& settings, NewtonWorkspace& workspace,
+                  const Guess* guess, Solution& solution);
+
+}  // namespace signorini

@@ -1,0 +1,37 @@
+#pragma once
+
+#include <memory>
+
+#include "signorini/problem/contact_problem.hpp"
+#include "signorini/problem/residual.hpp"
+
+namespace signorini {
+
+/// A contact problem in a solver's own units: one positive scale per set and a right-hand side of unit size, so that
+/// masses of 1 to 1e4 and impulses of 1e-3 live on one scale (docs/theory, scaling).
+///     impulse = unit S l,   velocity = unit S^-1 t,   t = A l + b,   A = S (G + R) S,   b = S g / unit
+/// with S = diag(1 / sqrt(d)). One factor per set keeps friction cones; interval bounds are scaled along.
+struct ScaledProblem {
+  ConstraintSets sets;
+  Vector scale;  ///< diagonal of S
+  Vector b;
+  double unit = 1.0;
+  double reference = 0.0;  ///< max over the sets of |b_i|: the certificate's scale when impulses are smaller
+  std::unique_ptr<ScaledDelassus> system;
+
+  /// Sizes and fills everything. scaled = false: S = I, unit = 1.
+  void setup(const ContactProblem& problem, bool scaled = true);
+
+  Index size() const { return b.size(); }
+  void to_impulse(const ConstVectorRef& l, VectorRef impulse) const { impulse = unit * scale.cwiseProduct(l); }
+  void from_impulse(const ConstVectorRef& impulse, VectorRef l) const {
+    l = impulse.cwiseQuotient(scale) / unit;
+  }
+};
+
+/// The certificate's relative residual of l, from its velocity t = A l + b (without Gamma), when scaled with S above.
+/// natural, n values, receives l - P_K(l - (t + Gamma(t))). Allocates nothing.
+double natural_residual(const ScaledProblem& problem, Law law, const ConstVectorRef& l, const ConstVectorRef& t,
+                        VectorRef natural);
+
+}  // namespace signorini

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <vector>
+
+#include "signorini/problem/residual.hpp"
+#include "signorini/solver/settings.hpp"
+
+namespace signorini {
+
+enum class Status {
+  Solved,         ///< the certificate is within the tolerance; said of nothing else
+  MaxIterations,  ///< out of iterations; impulse is the best seen
+  Stalled,        ///< the method cannot go on; impulse is the best seen
+  Invalid         ///< no finite impulse was found; impulse is zero
+};
+
+struct IterationRecord {
+  int iteration = 0;
+  int factorizations = 0;
+  double penalty = 0.0;  ///< ADMM's rho, 0 elsewhere
+  Residual residual;     ///< of the true problem, at this iteration's impulse
+};
+
+/// Complete also when a solve fails.
+struct Solution {
+  Status status = Status::Invalid;
+  SolverType solver = SolverType::Auto;  ///< the method that produced the answer
+  Vector impulse;                        ///< lambda [N s]
+  Vector velocity;                       ///< sigma = (G + R) lambda + g [m/s], without Gamma
+  Residual residual;                     ///< the certificate of `impulse`
+  int iterations = 0;
+  int factorizations = 0;
+  double seconds = 0.0;  ///< wall time of the solve, symbolic analysis included
+  double penalty = 0.0;  ///< ADMM's last rho, for a warm start; 0 elsewhere
+  std::vector<IterationRecord> history;
+};
+
+/// Where to start. The impulse needs not be feasible. Raises InvalidInput when sizes differ or entries are not finite.
+struct Guess {
+  Vector impulse;        ///< n values [N s]
+  double penalty = 0.0;  ///< ADMM's rho of the last solve; 0: chosen by the rule
+};
+
+const char* name(Status status);
+
+}  // namespace signorini

@@ -1,0 +1,209 @@
+// Compiled once per instruction set, each copy in its own namespace (SIGNORINI_KERNEL_NAMESPACE).
+#include "dense_kernels.hpp"
+
+#if defined(__AVX2__) || defined(__AVX512F__)
+#include <immintrin.h>
+#endif
+
+#ifndef SIGNORINI_KERNEL_NAMESPACE
+#define SIGNORINI_KERNEL_NAMESPACE kernels_plain
+#endif
+
+namespace signorini::SIGNORINI_KERNEL_NAMESPACE {
+namespace {
+
+// A vector of doubles; load and store of the first r < W lanes for the ends of columns.
+#if defined(__AVX512F__)
+constexpr int W = 8, NR = 8;
+using V = __m512d;
+inline V load(const double* p) { return _mm512_loadu_pd(p); }
+inline V load(const double* p, int r) { return _mm512_maskz_loadu_pd(static_cast<__mmask8>((1 << r) - 1), p); }
+inline void store(double* p, V v) { _mm512_storeu_pd(p, v); }
+inline void store(double* p, V v, int r) { _mm512_mask_storeu_pd(p, static_cast<__mmask8>((1 << r) - 1), v); }
+inline V spread(double a) { return _mm512_set1_pd(a); }
+inline V minus_product(V c, V a, V b) { return _mm512_fnmadd_pd(a, b, c); }
+inline V zero() { return _mm512_setzero_pd(); }
+#elif defined(__AVX2__)
+constexpr int W = 4, NR = 4;
+using V = __m256d;
+inline __m256i lanes(int r) {
+  return _mm256_cmpgt_epi64(_mm256_set1_epi64x(r), _mm256_set_epi64x(3, 2, 1, 0));
+}
+inline V load(const double* p) { return _mm256_loadu_pd(p); }
+inline V load(const double* p, int r) { return _mm256_maskload_pd(p, lanes(r)); }
+inline void store(double* p, V v) { _mm256_storeu_pd(p, v); }
+inline void store(double* p, V v, int r) { _mm256_maskstore_pd(p, lanes(r), v); }
+inline V spread(double a) { return _mm256_set1_pd(a); }
+inline V minus_product(V c, V a, V b) { return _mm256_fnmadd_pd(a, b, c); }
+inline V zero() { return _mm256_setzero_pd(); }
+#else
+constexpr int W = 1, NR = 4;
+using V = double;
+inline V load(const double* p) { return *p; }
+inline V load(const double* p, int) { return *p; }
+inline void store(double* p, V v) { *p = v; }
+inline void store(double* p, V v, int) { *p = v; }
+inline V spread(double a) { return a; }
+inline V minus_product(V c, V a, V b) { return c - a * b; }
+inline V zero() { return 0.0; }
+#endif
+
+/// y (m) -= x (m) * a.
+inline void axpy_minus(int m, double a, const double* x, double* y) {
+  const V va = spread(a);
+  int i = 0;
+  for (; i + W <= m; i += W) store(y + i, minus_product(load(y + i), load(x + i), va));
+  if (i < m) store(y + i, minus_product(load(y + i, m - i), load(x + i, m - i), va), m - i);
+}
+
+/// C (MV vectors x N columns, the last one of r lanes when Tail) -= A (.. x k) B (k x N).
+template <int MV, int N, bool Tail>
+inline void tile(int k, const double* a, int lda, const double* b, int ldb, double* c, int ldc, int r) {
+  V acc[MV][N];
+  for (int v = 0; v < MV; ++v)
+    for (int j = 0; j < N; ++j)
+      acc[v][j] = Tail && v == MV - 1 ? load(c + j * ldc + v * W, r) : load(c + j * ldc + v * W);
+  for (int q = 0; q < k; ++q) {
+    V av[MV];
+    for (int v = 0; v < MV; ++v)
+      av[v] = Tail && v == MV - 1 ? load(a + q * lda + v * W, r) : load(a + q * lda + v * W);
+    for (int j = 0; j < N; ++j) {
+      const V bv = spread(b[j * ldb + q]);
+      for (int v = 0; v < MV; ++v) acc[v][j] = minus_product(acc[v][j], av[v], bv);
+    }
+  }
+  for (int v = 0; v < MV; ++v)
+    for (int j = 0; j < N; ++j) {
+      if (Tail && v == MV - 1)
+        store(c + j * ldc + v * W, acc[v][j], r);
+      else
+        store(c + j * ldc + v * W, acc[v][j]);
+    }
+}
+
+template <int N>
+inline void columns(int m, int k, const double* a, int lda, const double* b, int ldb, double* c, int ldc) {
+  int i = 0;
+  for (; i + 2 * W <= m; i += 2 * W) tile<2, N, false>(k, a + i, lda, b, ldb, c + i, ldc, 0);
+  const int rest = m - i;
+  if (rest == 0) return;
+  if (rest < W)
+    tile<1, N, true>(k, a + i, lda, b, ldb, c + i, ldc, rest);
+  else if (rest == W)
+    tile<1, N, false>(k, a + i, lda, b, ldb, c + i, ldc, 0);
+  else
+    tile<2, N, true>(k, a + i, lda, b, ldb, c + i, ldc, rest - W);
+}
+
+/// C (m x n) -= A (m x k) B (k x n).
+void gemm_minus(int m, int n, int k, const double* a, int lda, const double* b, int ldb, double* c, int ldc) {
+  if (m <= 0 || k <= 0) return;
+  int j = 0;
+  for (; j + NR <= n; j += NR) columns<NR>(m, k, a, lda, b + j * ldb, ldb, c + j * ldc, ldc);
+  if (NR > 4 && j + 4 <= n) {
+    columns<4>(m, k, a, lda, b + j * ldb, ldb, c + j * ldc, ldc);
+    j += 4;
+  }
+  switch (n - j) {
+    case 3:
+      columns<3>(m, k, a, lda, b + j * ldb, ldb, c + j * ldc, ldc);
+      break;
+    case 2:
+      columns<2>(m, k, a, lda, b + j * ldb, ldb, c + j * ldc, ldc);
+      break;
+    case 1:
+      columns<1>(m, k, a, lda, b + j * ldb, ldb, c + j * ldc, ldc);
+      break;
+    default:
+      break;
+  }
+}
+
+constexpr int kPanel = 24;
+
+inline void swap_rows(int n, double* a, int lda, int r, int q) {
+  if (r == q) return;
+  for (int j = 0; j < n; ++j) {
+    const double t = a[j * lda + r];
+    a[j * lda + r] = a[j * lda + q];
+    a[j * lda + q] = t;
+  }
+}
+
+/// B (k x n) <- (unit lower triangle of L)^-1 B.
+inline void unit_lower_solve(int k, int n, const double* l, int ldl, double* b, int ldb) {
+  for (int j = 0; j < n; ++j) {
+    double* x = b + j * ldb;
+    for (int q = 0; q + 1 < k; ++q) axpy_minus(k - q - 1, x[q], l + q * ldl + q + 1, x + q + 1);
+  }
+}
+
+}  // namespace
+
+int factor_front(int p, int u, double* l, double* up, double* s, int* pivots) {
+  const int n = p + u;
+  int sign = 1;
+  for (int k0 = 0; k0 < p; k0 += kPanel) {
+    const int k1 = k0 + kPanel < p ? k0 + kPanel : p;
+    // Panel: columns k0..k1, all rows below k0, pivots among the first p rows.
+    for (int k = k0; k < k1; ++k) {
+      double* column = l + k * n;
+      int pivot = k;
+      double largest = column[k] < 0 ? -column[k] : column[k];
+      for (int i = k + 1; i < p; ++i) {
+        const double value = column[i] < 0 ? -column[i] : column[i];
+        if (value > largest) largest = value, pivot = i;
+      }
+      if (!(largest > 0.0 && largest < 1e300)) return 0;
+      pivots[k] = pivot;
+      if (pivot != k) {
+        sign = -sign;
+        swap_rows(k1 - k0, l + k0 * n, n, k, pivot);
+      }
+      if (column[k] < 0) sign = -sign;
+      const double inverse = 1.0 / column[k];
+      column[k] = inverse;
+      for (int i = k + 1; i < n; ++i) column[i] *= inverse;
+      for (int j = k + 1; j < k1; ++j) axpy_minus(n - k - 1, l[j * n + k], column + k + 1, l + j * n + k + 1);
+    }
+    for (int k = k0; k < k1; ++k) {
+      swap_rows(k0, l, n, k, pivots[k]);
+      swap_rows(p - k1, l + k1 * n, n, k, pivots[k]);
+      swap_rows(u, up, p, k, pivots[k]);
+    }
+    const int width = k1 - k0;
+    const double* l11 = l + k0 * n + k0;
+    unit_lower_solve(width, p - k1, l11, n, l + k1 * n + k0, n);
+    gemm_minus(n - k1, p - k1, width, l + k0 * n + k1, n, l + k1 * n + k0, n, l + k1 * n + k1, n);
+    unit_lower_solve(width, u, l11, n, up + k0, p);
+    gemm_minus(p - k1, u, width, l + k0 * n + k1, n, up + k0, p, up + k1, p);
+  }
+  gemm_minus(u, u, p, l + p, n, up, p, s, u);
+  return sign;
+}
+
+void forward(int p, int u, const double* l, const int* pivots, double* x, double* y) {
+  const int n = p + u;
+  for (int k = 0; k < p; ++k) {
+    const int pivot = pivots[k];
+    if (pivot != k) {
+      const double t = x[k];
+      x[k] = x[pivot];
+      x[pivot] = t;
+    }
+  }
+  for (int k = 0; k + 1 < p; ++k) axpy_minus(p - k - 1, x[k], l + k * n + k + 1, x + k + 1);
+  for (int i = 0; i < u; ++i) y[i] = 0.0;
+  gemm_minus(u, 1, p, l + p, n, x, p, y, u);
+}
+
+void backward(int p, int u, const double* l, const double* up, double* x, const double* xu) {
+  const int n = p + u;
+  gemm_minus(p, 1, u, up, p, xu, u, x, p);
+  for (int k = p - 1; k >= 0; --k) {
+    x[k] *= l[k * n + k];
+    axpy_minus(k, x[k], l + k * n, x);
+  }
+}
+
+}  // namespace signorini::SIGNORINI_KERNEL_NAMESPACE

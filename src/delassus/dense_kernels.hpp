@@ -1,0 +1,21 @@
+#pragma once
+
+namespace signorini {
+
+/// Dense kernels on column-major arrays, compiled once per instruction set and chosen when the library loads.
+/// A front is a partly summed matrix whose first p columns and rows are eliminated:
+///     [ F11 F12 ]      L = [F11; F21], n x p, holds the factors of F11 and L21 afterwards
+///     [ F21 F22 ]      U = F12, p x u, holds U12 afterwards; S = F22, u x u, the Schur complement; n = p + u
+struct DenseKernels {
+  /// Partial LU with row pivoting inside the p pivot rows. The diagonal of U11 is stored inverted. Returns the sign of
+  /// det F11: 0 when a pivot is zero or not finite. pivots: p row swaps.
+  int (*factor_front)(int p, int u, double* l, double* up, double* s, int* pivots);
+  /// x_p <- L11^-1 P x_p, y = -L21 x_p (u values, overwritten).
+  void (*forward)(int p, int u, const double* l, const int* pivots, double* x, double* y);
+  /// x_p <- U11^-1 (x_p - U12 x_u).
+  void (*backward)(int p, int u, const double* l, const double* up, double* x, const double* xu);
+};
+
+const DenseKernels& dense_kernels();
+
+}  // namespace signorini

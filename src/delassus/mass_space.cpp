@@ -1,0 +1,399 @@
+#include "signorini/delassus/mass_space.hpp"
+
+#include <Eigen/LU>
+#include <Eigen/SparseCholesky>
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+#include <string>
+
+#include "block_lu.hpp"
+#include "explicit_system.hpp"
+#include "islands.hpp"
+#include "signorini/errors.hpp"
+
+namespace signorini {
+namespace {
+
+/// With Js = S J and X' = X + Y S R S, the solution d of (X + Y A) d = r is (Woodbury)
+///     N w = Js' X'^-1 r,   d = X'^-1 (r - Y Js w),   N = M + Js' X'^-1 Y Js.
+class MassSpaceSystem final : public ScaledDelassus {
+ public:
+  void setup(const SparseMatrix& mass, const SparseMatrix& jacobian, const SparseMatrix& inverse_mass_jacobian,
+             const ConstraintSets& sets, const ConstVectorRef& scale, const ConstVectorRef& compliance);
+
+  Index size() const override { return damping_.size(); }
+  void apply(const ConstVectorRef& x, VectorRef y) const override;
+  bool factor(const BlockDiagonal& x, const BlockDiagonal& y) override { return factor(x, &y); }
+  bool factor(const BlockDiagonal& x) override { return factor(x, nullptr); }
+  int determinant_sign() const override { return sign_; }
+  void solve(VectorRef rhs) const override;
+
+ private:
+  /// Rows of one set times the columns of one block of velocities: a dense piece of Js.
+  struct Piece {
+    int set, block;
+    std::size_t values;  // rows x columns, column-major
+  };
+  /// N_ab += J_a' C J_b for two pieces of one set.
+  struct Product {
+    std::size_t a, b;
+    Index value;
+  };
+
+  bool factor(const BlockDiagonal& x, const BlockDiagonal* y);
+  bool same_pattern(const SparseMatrix& mass, const SparseMatrix& jacobian, const ConstraintSets& sets) const;
+  void analyze(const SparseMatrix& mass, const SparseMatrix& jacobian, const ConstraintSets& sets);
+
+  BlockLu lu_;
+  Vector damping_;  // S R S
+  std::vector<int> set_sizes_, set_offsets_, block_sizes_, block_offsets_;
+  std::vector<Piece> pieces_;
+  std::vector<Product> products_;
+  std::vector<double> js_;                       // values of the pieces
+  std::vector<std::size_t> jacobian_target_;     // for each entry of J, where it goes in js_
+  std::vector<double> mass_values_;              // M laid out as lu_.values()
+  std::vector<Index> mass_target_;
+  std::vector<int> mass_outer_, mass_inner_, jacobian_outer_, jacobian_inner_;
+  SparseMatrix inverse_;                         // M^-1 Js'
+  BlockDiagonal x_inverse_, y_, c_;
+  int sign_ = 0;
+  mutable Vector w_, r_;
+};
+
+bool MassSpaceSystem::same_pattern(const SparseMatrix& mass, const SparseMatrix& jacobian,
+                                   const ConstraintSets& sets) const {
+  const auto same = [](const SparseMatrix& m, const std::vector<int>& outer, const std::vector<int>& inner) {
+    return static_cast<Index>(outer.size()) == m.cols() + 1 && static_cast<Index>(inner.size()) == m.nonZeros() &&
+           std::equal(outer.begin(), outer.end(), m.outerIndexPtr()) &&
+           std::equal(inner.begin(), inner.end(), m.innerIndexPtr());
+  };
+  if (static_cast<Index>(set_sizes_.size()) != sets.num_sets()) return false;
+  for (Index i = 0; i < sets.num_sets(); ++i)
+    if (set_sizes_[i] != sets[i].size()) return false;
+  return same(mass, mass_outer_, mass_inner_) && same(jacobian, jacobian_outer_, jacobian_inner_);
+}
+
+void MassSpaceSystem::analyze(const SparseMatrix& mass, const SparseMatrix& jacobian, const ConstraintSets& sets) {
+  const int nv = static_cast<int>(mass.rows());
+  set_sizes_.clear(), set_offsets_.clear(), block_sizes_.clear(), block_offsets_.clear();
+  std::vector<int> set_of(static_cast<std::size_t>(sets.size()));
+  for (const ConstraintSet& set : sets) {
+    for (Index k = 0; k < set.size(); ++k) set_of[set.offset + k] = static_cast<int>(set_sizes_.size());
+    set_sizes_.push_back(static_cast<int>(set.size()));
+    set_offsets_.push_back(static_cast<int>(set.offset));
+  }
+  // Blocks of velocities: neighbours on which the same sets act, the six of a free body for instance.
+  std::vector<int> block_of(static_cast<std::size_t>(nv));
+  std::vector<std::vector<int>> touched;  // by block
+  for (int c = 0; c < nv; ++c) {
+    std::vector<int> list;
+    for (SparseMatrix::InnerIterator it(jacobian, c); it; ++it)
+      if (list.empty() || list.back() != set_of[it.row()]) list.push_back(set_of[it.row()]);
+    const bool joins = c > 0 && !list.empty() && list == touched.back() && block_sizes_.back() < 6;
+    if (!joins) {
+      block_offsets_.push_back(c);
+      block_sizes_.push_back(0);
+      touched.push_back(std::move(list));
+    }
+    ++block_sizes_.back();
+    block_of[c] = static_cast<int>(block_sizes_.size()) - 1;
+  }
+  const int num_blocks = static_cast<int>(block_sizes_.size());
+
+  // Pieces, set by set.
+  std::vector<std::vector<int>> blocks_of_set(set_sizes_.size());
+  for (int b = 0; b < num_blocks; ++b)
+    for (const int s : touched[b]) blocks_of_set[s].push_back(b);
+  pieces_.clear();
+  std::vector<std::size_t> first_piece(set_sizes_.size() + 1, 0);
+  std::size_t num_values = 0;
+  for (std::size_t s = 0; s < set_sizes_.size(); ++s) {
+    first_piece[s] = pieces_.size();
+    for (const int b : blocks_of_set[s]) {
+      pieces_.push_back({static_cast<int>(s), b, num_values});
+      num_values += static_cast<std::size_t>(set_sizes_[s]) * block_sizes_[b];
+    }
+  }
+  first_piece[set_sizes_.size()] = pieces_.size();
+  js_.assign(num_values, 0.0);
+  const auto piece_at = [&](int s, int b) {
+    const auto& list = blocks_of_set[s];
+    return first_piece[s] + static_cast<std::size_t>(std::lower_bound(list.begin(), list.end(), b) - list.begin());
+  };
+  jacobian_target_.clear();
+  for (int c = 0; c < nv; ++c)
+    for (SparseMatrix::InnerIterator it(jacobian, c); it; ++it) {
+      const int s = set_of[it.row()], b = block_of[c];
+      jacobian_target_.push_back(pieces_[piece_at(s, b)].values +
+                                 static_cast<std::size_t>(c - block_offsets_[b]) * set_sizes_[s] +
+                                 (it.row() - set_offsets_[s]));
+    }
+
+  // Pattern of N: M, and a clique of blocks per set.
+  std::vector<std::vector<int>> neighbours(block_sizes_.size());
+  for (int c = 0; c < nv; ++c)
+    for (SparseMatrix::InnerIterator it(mass, c); it; ++it)
+      if (block_of[it.row()] > block_of[c]) neighbours[block_of[c]].push_back(block_of[it.row()]);
+  for (const auto& list : blocks_of_set)
+    for (const int a : list)
+      for (const int b : list)
+        if (a > b) neighbours[b].push_back(a);
+  for (auto& list : neighbours) {
+    std::sort(list.begin(), list.end());
+    list.erase(std::unique(list.begin(), list.end()), list.end());
+  }
+  lu_.analyze(block_sizes_, neighbours);
+  std::vector<std::size_t> first_pair(block_sizes_.size() + 1, 0);
+  for (int b = 0; b < num_blocks; ++b) first_pair[b + 1] = first_pair[b] + 1 + neighbours[b].size();
+  const auto value_of = [&](int a, int b) {  // where block (a, b) starts
+    const int low = std::min(a, b), high = std::max(a, b);
+    const auto begin = lu_.pairs().begin() + static_cast<std::ptrdiff_t>(first_pair[low]);
+    const auto end = lu_.pairs().begin() + static_cast<std::ptrdiff_t>(first_pair[low + 1]);
+    const auto pair = std::lower_bound(begin, end, high, [](const BlockLu::Pair& p, int i) { return p.i < i; });
+    return a >= b ? pair->lower : pair->upper;
+  };
+  mass_target_.clear();
+  for (int c = 0; c < nv; ++c)
+    for (SparseMatrix::InnerIterator it(mass, c); it; ++it) {
+      const int a = block_of[it.row()], b = block_of[c];
+      mass_target_.push_back(value_of(a, b) + static_cast<Index>(c - block_offsets_[b]) * block_sizes_[a] +
+                             (it.row() - block_offsets_[a]));
+    }
+  products_.clear();
+  for (std::size_t s = 0; s < set_sizes_.size(); ++s)
+    for (std::size_t p = first_piece[s]; p < first_piece[s + 1]; ++p)
+      for (std::size_t q = first_piece[s]; q < first_piece[s + 1]; ++q)
+        products_.push_back({p, q, value_of(pieces_[p].block, pieces_[q].block)});
+
+  mass_outer_.assign(mass.outerIndexPtr(), mass.outerIndexPtr() + nv + 1);
+  mass_inner_.assign(mass.innerIndexPtr(), mass.innerIndexPtr() + mass.nonZeros());
+  jacobian_outer_.assign(jacobian.outerIndexPtr(), jacobian.outerIndexPtr() + nv + 1);
+  jacobian_inner_.assign(jacobian.innerIndexPtr(), jacobian.innerIndexPtr() + jacobian.nonZeros());
+  w_.resize(nv);
+  r_.resize(sets.size());
+  for (BlockDiagonal* blocks : {&x_inverse_, &y_, &c_}) blocks->assign(set_sizes_.size(), Eigen::Matrix3d::Identity());
+}
+
+void MassSpaceSystem::setup(const SparseMatrix& mass, const SparseMatrix& jacobian,
+                            const SparseMatrix& inverse_mass_jacobian, const ConstraintSets& sets,
+                            const ConstVectorRef& scale, const ConstVectorRef& compliance) {
+  if (!same_pattern(mass, jacobian, sets)) analyze(mass, jacobian, sets);
+  std::fill(js_.begin(), js_.end(), 0.0);
+  std::size_t k = 0;
+  for (Index c = 0; c < jacobian.cols(); ++c)
+    for (SparseMatrix::InnerIterator it(jacobian, c); it; ++it) js_[jacobian_target_[k++]] = it.value() * scale[it.row()];
+  mass_values_.assign(lu_.values().size(), 0.0);
+  k = 0;
+  for (Index c = 0; c < mass.cols(); ++c)
+    for (SparseMatrix::InnerIterator it(mass, c); it; ++it) mass_values_[mass_target_[k++]] = it.value();
+  inverse_ = inverse_mass_jacobian * scale.asDiagonal();
+  damping_ = compliance.cwiseProduct(scale).cwiseProduct(scale);
+}
+
+void MassSpaceSystem::apply(const ConstVectorRef& x, VectorRef y) const {
+  w_.noalias() = inverse_ * x;
+  y = damping_.cwiseProduct(x);
+  for (const Piece& piece : pieces_) {
+    const int rows = set_sizes_[piece.set];
+    const double* j = js_.data() + piece.values;
+    double* out = y.data() + set_offsets_[piece.set];
+    for (int c = 0; c < block_sizes_[piece.block]; ++c) {
+      const double v = w_[block_offsets_[piece.block] + c];
+      for (int r = 0; r < rows; ++r) out[r] += *j++ * v;
+    }
+  }
+}
+
+bool MassSpaceSystem::factor(const BlockDiagonal& x, const BlockDiagonal* y) {
+  sign_ = 1;
+  for (std::size_t i = 0; i < set_sizes_.size(); ++i) {
+    const int o = set_offsets_[i];
+    if (y) y_[i] = (*y)[i];
+    else y_[i].setIdentity();
+    if (set_sizes_[i] == 1) {
+      const double value = x[i](0, 0) + y_[i](0, 0) * damping_[o];
+      if (!(std::abs(value) > 0.0)) return sign_ = 0, false;
+      if (value < 0.0) sign_ = -sign_;
+      x_inverse_[i](0, 0) = 1.0 / value;
+      c_[i](0, 0) = y_[i](0, 0) / value;
+      continue;
+    }
+    const Eigen::Matrix3d xi = x[i] + y_[i] * damping_.segment<3>(o).asDiagonal();
+    bool invertible = false;
+    double determinant = 0.0;
+    xi.computeInverseAndDetWithCheck(x_inverse_[i], determinant, invertible, 0.0);
+    if (!invertible || !std::isfinite(determinant)) return sign_ = 0, false;
+    if (determinant < 0.0) sign_ = -sign_;
+    c_[i].noalias() = x_inverse_[i] * y_[i];
+  }
+  std::vector<double>& values = lu_.values();
+  std::copy(mass_values_.begin(), mass_values_.end(), values.begin());
+  for (const Product& product : products_) {
+    const Piece& a = pieces_[product.a];
+    const Piece& b = pieces_[product.b];
+    const int na = block_sizes_[a.block], nb = block_sizes_[b.block], rows = set_sizes_[a.set];
+    const double* ja = js_.data() + a.values;
+    const double* jb = js_.data() + b.values;
+    const Eigen::Matrix3d& c = c_[static_cast<std::size_t>(a.set)];
+    double* out = values.data() + product.value;
+    for (int q = 0; q < nb; ++q, jb += rows) {
+      if (rows == 3) {
+        const double v0 = c(0, 0) * jb[0] + c(0, 1) * jb[1] + c(0, 2) * jb[2];
+        const double v1 = c(1, 0) * jb[0] + c(1, 1) * jb[1] + c(1, 2) * jb[2];
+        const double v2 = c(2, 0) * jb[0] + c(2, 1) * jb[1] + c(2, 2) * jb[2];
+        for (int p = 0; p < na; ++p) out[q * na + p] += ja[3 * p] * v0 + ja[3 * p + 1] * v1 + ja[3 * p + 2] * v2;
+      } else {
+        const double v = c(0, 0) * jb[0];
+        for (int p = 0; p < na; ++p) out[q * na + p] += ja[p] * v;
+      }
+    }
+  }
+  if (!lu_.factor()) return sign_ = 0, false;
+  sign_ *= lu_.determinant_sign();
+  return true;
+}
+
+void MassSpaceSystem::solve(VectorRef rhs) const {
+  const auto multiply = [this](const BlockDiagonal& blocks, VectorRef v) {
+    for (std::size_t i = 0; i < set_sizes_.size(); ++i) {
+      if (set_sizes_[i] == 1) {
+        v[set_offsets_[i]] *= blocks[i](0, 0);
+      } else {
+        const Eigen::Vector3d t = blocks[i] * v.segment<3>(set_offsets_[i]);
+        v.segment<3>(set_offsets_[i]) = t;
+      }
+    }
+  };
+  r_ = rhs;
+  multiply(x_inverse_, r_);
+  w_.setZero();
+  for (const Piece& piece : pieces_) {
+    const int rows = set_sizes_[piece.set];
+    const double* j = js_.data() + piece.values;
+    const double* from = r_.data() + set_offsets_[piece.set];
+    for (int c = 0; c < block_sizes_[piece.block]; ++c)
+      for (int r = 0; r < rows; ++r) w_[block_offsets_[piece.block] + c] += *j++ * from[r];
+  }
+  lu_.solve(w_);
+  r_.setZero();
+  for (const Piece& piece : pieces_) {
+    const int rows = set_sizes_[piece.set];
+    const double* j = js_.data() + piece.values;
+    double* to = r_.data() + set_offsets_[piece.set];
+    for (int c = 0; c < block_sizes_[piece.block]; ++c) {
+      const double v = w_[block_offsets_[piece.block] + c];
+      for (int r = 0; r < rows; ++r) to[r] += *j++ * v;
+    }
+  }
+  multiply(y_, r_);
+  rhs -= r_;
+  multiply(x_inverse_, rhs);
+}
+
+void check_finite(const SparseMatrix& matrix, const char* field) {
+  for (Index c = 0; c < matrix.outerSize(); ++c)
+    for (SparseMatrix::InnerIterator it(matrix, c); it; ++it) {
+      if (std::abs(it.value()) <= 1e100) continue;  // false for NaN
+      std::ostringstream message;
+      message << "is " << it.value() << ", must be within +-1e100";
+      throw InvalidInput(std::string(field) + "[" + std::to_string(it.row()) + ", " + std::to_string(c) + "]",
+                         message.str());
+    }
+}
+
+}  // namespace
+
+MassSpaceDelassus::MassSpaceDelassus(const SparseMatrix& mass, const SparseMatrix& jacobian) {
+  const auto shape = [](const SparseMatrix& m) { return std::to_string(m.rows()) + " x " + std::to_string(m.cols()); };
+  if (mass.rows() != mass.cols()) throw InvalidInput("mass", "is " + shape(mass) + ", must be square");
+  if (jacobian.cols() != mass.rows()) {
+    throw InvalidInput("jacobian", "is " + shape(jacobian) + ", must have the " + std::to_string(mass.rows()) +
+                                       " columns of the mass matrix");
+  }
+  check_finite(mass, "mass");
+  check_finite(jacobian, "jacobian");
+  asymmetry_ = asymmetry_of(mass);
+  const SparseMatrix transpose = mass.transpose();
+  mass_ = asymmetry_ == 0.0 ? mass : SparseMatrix(0.5 * (mass + transpose));
+  jacobian_ = jacobian;
+  const auto nonzero = [](Index, Index, double value) { return value != 0.0; };
+  mass_.prune(nonzero);
+  jacobian_.prune(nonzero);
+  mass_.makeCompressed();
+  jacobian_.makeCompressed();
+  if (mass_.rows() == 0) {
+    inverse_mass_jacobian_.resize(0, jacobian_.rows());
+    return;
+  }
+  const Eigen::SimplicialLLT<SparseMatrix> cholesky(mass_);
+  if (cholesky.info() != Eigen::Success) throw InvalidInput("mass", "is not positive definite");
+  inverse_mass_jacobian_ = cholesky.solve(SparseMatrix(jacobian_.transpose()));
+  inverse_mass_jacobian_.prune(nonzero);
+}
+
+void MassSpaceDelassus::apply(const ConstVectorRef& x, VectorRef y) const {
+  y.noalias() = jacobian_ * (inverse_mass_jacobian_ * x);
+}
+
+void MassSpaceDelassus::diagonal(VectorRef diagonal) const {
+  const SparseMatrix transpose = jacobian_.transpose();
+  for (Index i = 0; i < size(); ++i) {
+    const double d = transpose.col(i).dot(inverse_mass_jacobian_.col(i));
+    diagonal[i] = d > 0.0 ? d : 0.0;
+  }
+}
+
+SparseMatrix MassSpaceDelassus::matrix() const {
+  const SparseMatrix g = jacobian_ * inverse_mass_jacobian_;
+  const SparseMatrix transpose = g.transpose();
+  return 0.5 * (g + transpose);
+}
+
+std::vector<int> MassSpaceDelassus::islands(const ConstraintSets& sets) const {
+  // Sets and velocities are the nodes; J and M the edges.
+  const auto count = static_cast<std::size_t>(sets.num_sets());
+  UnionFind components(count + static_cast<std::size_t>(num_velocities()));
+  std::vector<int> set_of(static_cast<std::size_t>(sets.size()));
+  int index = 0;
+  for (const ConstraintSet& set : sets) {
+    for (Index k = 0; k < set.size(); ++k) set_of[set.offset + k] = index;
+    ++index;
+  }
+  const int first = static_cast<int>(count);
+  for (Index c = 0; c < jacobian_.cols(); ++c)
+    for (SparseMatrix::InnerIterator it(jacobian_, c); it; ++it)
+      components.join(set_of[it.row()], first + static_cast<int>(c));
+  for (Index c = 0; c < mass_.cols(); ++c)
+    for (SparseMatrix::InnerIterator it(mass_, c); it; ++it)
+      components.join(first + static_cast<int>(it.row()), first + static_cast<int>(c));
+  std::vector<int> labels = components.labels();  // the sets come first, so their labels are 0, 1, ... without gaps
+  labels.resize(count);
+  return labels;
+}
+
+std::shared_ptr<const DelassusOperator> MassSpaceDelassus::restrict(const std::vector<Index>& rows) const {
+  std::vector<Index> all(static_cast<std::size_t>(num_velocities()));
+  std::vector<std::uint8_t> used(all.size(), 0);
+  for (std::size_t c = 0; c < all.size(); ++c) all[c] = static_cast<Index>(c);
+  const SparseMatrix part = select(jacobian_, rows, all);
+  // Velocities that the rows act on, and those that M ties to them.
+  UnionFind tied(all.size());
+  for (Index c = 0; c < mass_.cols(); ++c)
+    for (SparseMatrix::InnerIterator it(mass_, c); it; ++it) tied.join(static_cast<int>(it.row()), static_cast<int>(c));
+  for (Index c = 0; c < part.cols(); ++c)
+    if (SparseMatrix::InnerIterator(part, c)) used[static_cast<std::size_t>(tied.find(static_cast<int>(c)))] = 1;
+  std::vector<Index> kept;
+  for (std::size_t c = 0; c < all.size(); ++c)
+    if (used[static_cast<std::size_t>(tied.find(static_cast<int>(c)))]) kept.push_back(static_cast<Index>(c));
+  return std::make_shared<MassSpaceDelassus>(select(mass_, kept, kept), select(jacobian_, rows, kept));
+}
+
+void MassSpaceDelassus::prepare(const ConstraintSets& sets, const ConstVectorRef& scale,
+                                const ConstVectorRef& compliance, std::unique_ptr<ScaledDelassus>& system) const {
+  auto* known = dynamic_cast<MassSpaceSystem*>(system.get());
+  if (!known) system.reset(known = new MassSpaceSystem);
+  known->setup(mass_, jacobian_, inverse_mass_jacobian_, sets, scale, compliance);
+}
+
+}  // namespace signorini

@@ -1,0 +1,119 @@
+#include "signorini/problem/constraint_set.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "signorini/errors.hpp"
+
+namespace signorini {
+
+void project_friction_cone(double friction, const double* x, double* out) {
+  const double t = std::hypot(x[0], x[1]), n = x[2];
+  if (friction * t <= -n) {  // the polar cone; first, since it is the right answer on the ray friction = 0 too
+    out[0] = out[1] = out[2] = 0.0;
+  } else if (t <= friction * n) {
+    out[0] = x[0], out[1] = x[1], out[2] = n;
+  } else {
+    const double normal = (n + friction * t) / (1.0 + friction * friction);
+    const double factor = t > 0.0 ? friction * normal / t : 0.0;
+    out[0] = factor * x[0], out[1] = factor * x[1], out[2] = normal;
+  }
+}
+
+void project(const ConstraintSet& set, const double* x, double* out) {
+  switch (set.type) {
+    case SetType::FrictionCone:
+      project_friction_cone(set.friction, x, out);
+      break;
+    case SetType::HalfLine:
+      out[0] = x[0] < 0.0 ? 0.0 : x[0];  // keeps NaN
+      break;
+    case SetType::Interval:
+      out[0] = x[0] < set.lower ? set.lower : (x[0] > set.upper ? set.upper : x[0]);
+      break;
+    case SetType::Equality:
+      out[0] = x[0];
+      break;
+  }
+}
+
+ConstraintSets ConstraintSets::friction_cones(const ConstVectorRef& friction) {
+  ConstraintSets sets;
+  sets.sets_.reserve(static_cast<std::size_t>(friction.size()));
+  for (Index i = 0; i < friction.size(); ++i) sets.add_friction_cone(friction[i]);
+  return sets;
+}
+
+void ConstraintSets::add(ConstraintSet set) {
+  set.offset = size_;
+  size_ += set.size();
+  if (set.type == SetType::FrictionCone) ++num_contacts_;
+  sets_.push_back(set);
+}
+
+void ConstraintSets::add_friction_cone(double friction) {
+  if (!(friction >= 0.0 && friction <= 1e6)) {
+    throw InvalidInput("friction[" + std::to_string(num_contacts_) + "]",
+                       "is " + std::to_string(friction) + ", must be in [0, 1e6]");
+  }
+  ConstraintSet set;
+  set.friction = friction;
+  add(set);
+}
+
+void ConstraintSets::add_half_line() {
+  ConstraintSet set;
+  set.type = SetType::HalfLine;
+  add(set);
+}
+
+void ConstraintSets::add_interval(double lower, double upper) {
+  if (!(lower <= upper) || lower > 1e100 || upper < -1e100) {
+    throw InvalidInput("interval", "is [" + std::to_string(lower) + ", " + std::to_string(upper) +
+                                       "], must have lower <= upper and hold a finite impulse");
+  }
+  ConstraintSet set;
+  set.type = SetType::Interval;
+  set.lower = lower;
+  set.upper = upper;
+  add(set);
+}
+
+void ConstraintSets::add_equality(Index count) {
+  if (count < 0) throw InvalidInput("count", "is " + std::to_string(count) + ", must be >= 0");
+  ConstraintSet set;
+  set.type = SetType::Equality;
+  for (Index i = 0; i < count; ++i) add(set);
+}
+
+void ConstraintSets::project(const ConstVectorRef& x, VectorRef out) const {
+  for (const ConstraintSet& set : sets_) signorini::project(set, x.data() + set.offset, out.data() + set.offset);
+}
+
+void ConstraintSets::project_dual(const ConstVectorRef& x, VectorRef out) const {
+  for (const ConstraintSet& set : sets_) {
+    const double* v = x.data() + set.offset;
+    double* o = out.data() + set.offset;
+    switch (set.type) {
+      case SetType::FrictionCone: {  // Moreau: x = P_K*(x) - P_K(-x)
+        const double minus[3] = {-v[0], -v[1], -v[2]};
+        double p[3];
+        project_friction_cone(set.friction, minus, p);
+        for (int k = 0; k < 3; ++k) o[k] = v[k] + p[k];
+        break;
+      }
+      case SetType::HalfLine:
+        o[0] = v[0] < 0.0 ? 0.0 : v[0];
+        break;
+      case SetType::Interval:
+        o[0] = v[0];
+        break;
+      case SetType::Equality:
+        o[0] = 0.0 * v[0];  // keeps NaN
+        break;
+    }
+  }
+}
+
+}  // namespace signorini

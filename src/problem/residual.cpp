@@ -1,0 +1,92 @@
+#include "signorini/problem/residual.hpp"
+
+#include <cmath>
+#include <limits>
+
+#include "signorini/problem/de_saxce.hpp"
+
+namespace signorini {
+namespace {
+
+/// Maximum that keeps a NaN, unlike std::max.
+void raise(double& maximum, double value) {
+  if (!(value <= maximum)) maximum = std::isnan(maximum) ? maximum : value;
+}
+
+double norm(const double* x, Index n) { return n == 3 ? std::hypot(std::hypot(x[0], x[1]), x[2]) : std::abs(x[0]); }
+
+}  // namespace
+
+Residual residual(const ContactProblem& problem, const ConstVectorRef& impulse, Law law, VectorRef sigma,
+                  VectorRef scratch) {
+  problem.velocity(impulse, sigma);
+  VectorRef& s = scratch;
+  s = sigma;
+  add_de_saxce_correction(problem.sets(), law, s);
+
+  Residual r;
+  double error = 0.0, largest = 0.0;
+  for (const ConstraintSet& set : problem.sets()) {
+    const Index o = set.offset, n = set.size();
+    const double* x = impulse.data() + o;
+    const double* v = s.data() + o;
+    double p[3], e[3];
+
+    project(set, x, p);
+    for (Index k = 0; k < n; ++k) e[k] = x[k] - p[k];
+    raise(r.primal, norm(e, n));
+
+    const double minus[3] = {-v[0], n == 3 ? -v[1] : 0.0, n == 3 ? -v[2] : 0.0};
+    switch (set.type) {
+      case SetType::FrictionCone: {
+        project_friction_cone(set.friction, minus, p);  // dist(s, K*) = |P_K(-s)|
+        raise(r.dual, norm(p, 3));
+        raise(r.complementarity, std::abs(x[0] * v[0] + x[1] * v[1] + x[2] * v[2]));
+        const double* w = sigma.data() + o;
+        raise(r.signorini, w[2] < 0.0 ? -w[2] : 0.0 * w[2]);
+        raise(r.signorini, x[2] < 0.0 ? -x[2] : 0.0 * x[2]);
+        raise(r.dissipation, std::abs(x[0] * w[0] + x[1] * w[1] + set.friction * x[2] * std::hypot(w[0], w[1])));
+        break;
+      }
+      case SetType::HalfLine:
+        raise(r.dual, v[0] < 0.0 ? -v[0] : 0.0);
+        raise(r.complementarity, std::abs(x[0] * v[0]));
+        break;
+      case SetType::Interval: {
+        const double distance = v[0] > 0.0 ? x[0] - set.lower : set.upper - x[0];
+        raise(r.complementarity, v[0] == 0.0 ? 0.0 : std::abs(distance * v[0]));
+        break;
+      }
+      case SetType::Equality:
+        raise(r.dual, std::abs(v[0]));
+        break;
+    }
+
+    // relative, in the scaled variables l = sqrt(d) impulse, t = s / sqrt(d)
+    const double root = std::sqrt(problem.scale()[o]);
+    double l[3], shifted[3];
+    for (Index k = 0; k < n; ++k) l[k] = root * x[k], shifted[k] = l[k] - v[k] / root;
+    ConstraintSet scaled = set;
+    scaled.lower *= root, scaled.upper *= root;
+    project(scaled, shifted, p);
+    for (Index k = 0; k < n; ++k) e[k] = l[k] - p[k];
+    raise(error, norm(e, n));
+    raise(largest, norm(l, n));
+    raise(largest, norm(problem.free_velocity().data() + o, n) / root);
+  }
+  r.relative = largest > 0.0 ? error / largest : error;
+  if (std::isnan(r.relative) || !sigma.allFinite() || !impulse.allFinite()) {
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    r = {nan, nan, nan, nan, nan, nan};
+  }
+  return r;
+}
+
+Residual residual(const ContactProblem& problem, const ConstVectorRef& impulse, Law law, Vector* velocity) {
+  Vector sigma(problem.size()), scratch(problem.size());
+  const Residual r = residual(problem, impulse, law, sigma, scratch);
+  if (velocity) *velocity = std::move(sigma);
+  return r;
+}
+
+}  // namespace signorini

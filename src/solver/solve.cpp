@@ -1,0 +1,94 @@
+#include "signorini/solver/solve.hpp"
+
+#include <chrono>
+#include <cmath>
+#include <sstream>
+#include <string>
+
+#include "signorini/errors.hpp"
+#include "signorini/solver/admm.hpp"
+#include "signorini/solver/auto.hpp"
+#include "signorini/solver/interior_point.hpp"
+#include "signorini/solver/newton.hpp"
+#include "signorini/solver/pgs.hpp"
+
+namespace signorini {
+
+struct Workspace::Impl {
+  AdmmWorkspace admm;
+  PgsWorkspace pgs;
+  InteriorPointWorkspace interior_point;
+  NewtonWorkspace newton;
+  AutoWorkspace automatic;
+};
+
+Workspace::Workspace() : impl_(std::make_unique<Impl>()) {}
+Workspace::~Workspace() = default;
+Workspace::Workspace(Workspace&&) noexcept = default;
+Workspace& Workspace::operator=(Workspace&&) noexcept = default;
+
+void solve(const ContactProblem& problem, const Settings& settings, Workspace& workspace, Solution& solution,
+           const Guess* guess) {
+  const auto start = std::chrono::steady_clock::now();
+  settings.validate();
+  if (guess) {
+    if (guess->impulse.size() != problem.size()) {
+      throw InvalidInput("guess", "has " + std::to_string(guess->impulse.size()) + " values, must have " +
+                                      std::to_string(problem.size()));
+    }
+    for (Index i = 0; i < problem.size(); ++i) {
+      if (std::abs(guess->impulse[i]) <= 1e100) continue;  // false for NaN
+      std::ostringstream message;
+      message << "is " << guess->impulse[i] << ", must be within +-1e100";
+      throw InvalidInput("guess[" + std::to_string(i) + "]", message.str());
+    }
+  }
+  solution.status = Status::Invalid;
+  solution.solver = settings.solver;
+  solution.iterations = solution.factorizations = 0;
+  solution.penalty = 0.0;
+  solution.history.clear();
+  solution.impulse.setZero(problem.size());
+  Workspace::Impl& w = workspace.impl();
+  switch (settings.solver) {
+    case SolverType::Auto:
+      solve_auto(problem, settings, w.automatic, guess, solution);
+      break;
+    case SolverType::Admm:
+      solve_admm(problem, settings, w.admm, guess, solution);
+      break;
+    case SolverType::Pgs:
+      solve_pgs(problem, settings, w.pgs, guess, solution);
+      break;
+    case SolverType::InteriorPoint:
+      solve_interior_point(problem, settings, w.interior_point, guess, solution);
+      break;
+    case SolverType::Newton:
+      solve_newton(problem, settings, w.newton, guess, solution);
+      break;
+  }
+  solution.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+Solution solve(const ContactProblem& problem, const Settings& settings, const Guess* guess) {
+  Workspace workspace;
+  Solution solution;
+  solve(problem, settings, workspace, solution, guess);
+  return solution;
+}
+
+const char* name(Status status) {
+  switch (status) {
+    case Status::Solved:
+      return "solved";
+    case Status::MaxIterations:
+      return "max iterations";
+    case Status::Stalled:
+      return "stalled";
+    case Status::Invalid:
+      return "invalid";
+  }
+  return "";
+}
+
+}  // namespace signorini
