@@ -104,8 +104,8 @@ Lists renumber(const Lists& lower, const std::vector<int>& order) {
 struct Node {
   std::vector<int> pivots, updates;
   int parent = -1;
-  int p = 0, u = 0;      // rows
-  double zeros = 0.0;    // entries of L that are zero by structure
+  int p = 0, u = 0;    // rows
+  double zeros = 0.0;  // entries of L that are zero by structure
   bool merged = false;
 };
 
@@ -224,7 +224,7 @@ void BlockLu::analyze(const std::vector<int>& block_sizes, const Lists& neighbou
 
   supernodes_.assign(post.size(), Supernode());
   children_.assign(post.size(), {});
-  std::vector<int> row_of(block_sizes.size());          // first row of each block, in elimination order
+  std::vector<int> row_of(block_sizes.size());  // first row of each block, in elimination order
   std::vector<int> node_of_block(block_sizes.size());
   permutation_.resize(static_cast<std::size_t>(size_));
   Index row = 0;
@@ -323,7 +323,7 @@ void BlockLu::analyze(const std::vector<int>& block_sizes, const Lists& neighbou
 bool BlockLu::factor() {
   const DenseKernels& kernels = dense_kernels();
   sign_ = 1;
-  std::memset(factors_.data(), 0, factors_.size() * sizeof(double));
+  std::fill(factors_.begin(), factors_.end(), 0.0);
   double* top = stack_.data();
   for (std::size_t k = 0; k < supernodes_.size(); ++k) {
     const Supernode& super = supernodes_[k];
@@ -331,7 +331,7 @@ bool BlockLu::factor() {
     double* l = factors_.data() + super.lower;
     double* up = factors_.data() + super.upper;
     double* schur = schur_.data();
-    std::memset(schur, 0, static_cast<std::size_t>(u) * u * sizeof(double));
+    if (u > 0) std::memset(schur, 0, static_cast<std::size_t>(u) * u * sizeof(double));
     for (Index e = super.entries_begin; e < super.entries_end; ++e) {
       const Entry& entry = entries_[e];
       const double* from = values_.data() + entry.value;
@@ -365,7 +365,7 @@ bool BlockLu::factor() {
       return false;
     }
     sign_ *= sign;
-    std::memcpy(top, schur, static_cast<std::size_t>(u) * u * sizeof(double));
+    if (u > 0) std::memcpy(top, schur, static_cast<std::size_t>(u) * u * sizeof(double));
     top += static_cast<Index>(u) * u;
   }
   return true;

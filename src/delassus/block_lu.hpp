@@ -40,9 +40,9 @@ class BlockLu {
     int pivots = 0, updates = 0;  // p, u in rows
     int first = 0;                // first pivot, in elimination order
     int parent = -1;
-    Index lower = 0, upper = 0;   // where L (n x p) and U (p x u) start in factors_
-    Index rows = 0;               // where the u update rows (elimination order) start in rows_
-    Index relative = 0;           // the same rows' positions in the parent's front, in relative_
+    Index lower = 0, upper = 0;  // where L (n x p) and U (p x u) start in factors_
+    Index rows = 0;              // where the u update rows (elimination order) start in rows_
+    Index relative = 0;          // the same rows' positions in the parent's front, in relative_
     Index entries_begin = 0, entries_end = 0;
   };
   /// Copies one block of values_ into a front.

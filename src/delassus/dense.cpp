@@ -12,8 +12,8 @@ namespace signorini {
 
 DenseDelassus::DenseDelassus(const Eigen::Ref<const Matrix>& matrix) {
   if (matrix.rows() != matrix.cols()) {
-    throw InvalidInput("delassus", "is " + std::to_string(matrix.rows()) + " x " + std::to_string(matrix.cols()) +
-                                       ", must be square");
+    throw InvalidInput(
+        "delassus", "is " + std::to_string(matrix.rows()) + " x " + std::to_string(matrix.cols()) + ", must be square");
   }
   for (Index c = 0; c < matrix.cols(); ++c)
     for (Index r = 0; r < matrix.rows(); ++r) {

@@ -26,9 +26,7 @@ inline V zero() { return _mm512_setzero_pd(); }
 #elif defined(__AVX2__)
 constexpr int W = 4, NR = 4;
 using V = __m256d;
-inline __m256i lanes(int r) {
-  return _mm256_cmpgt_epi64(_mm256_set1_epi64x(r), _mm256_set_epi64x(3, 2, 1, 0));
-}
+inline __m256i lanes(int r) { return _mm256_cmpgt_epi64(_mm256_set1_epi64x(r), _mm256_set_epi64x(3, 2, 1, 0)); }
 inline V load(const double* p) { return _mm256_loadu_pd(p); }
 inline V load(const double* p, int r) { return _mm256_maskload_pd(p, lanes(r)); }
 inline void store(double* p, V v) { _mm256_storeu_pd(p, v); }
@@ -65,8 +63,7 @@ inline void tile(int k, const double* a, int lda, const double* b, int ldb, doub
       acc[v][j] = Tail && v == MV - 1 ? load(c + j * ldc + v * W, r) : load(c + j * ldc + v * W);
   for (int q = 0; q < k; ++q) {
     V av[MV];
-    for (int v = 0; v < MV; ++v)
-      av[v] = Tail && v == MV - 1 ? load(a + q * lda + v * W, r) : load(a + q * lda + v * W);
+    for (int v = 0; v < MV; ++v) av[v] = Tail && v == MV - 1 ? load(a + q * lda + v * W, r) : load(a + q * lda + v * W);
     for (int j = 0; j < N; ++j) {
       const V bv = spread(b[j * ldb + q]);
       for (int v = 0; v < MV; ++v) acc[v][j] = minus_product(acc[v][j], av[v], bv);
@@ -119,7 +116,7 @@ void gemm_minus(int m, int n, int k, const double* a, int lda, const double* b, 
   }
 }
 
-constexpr int kPanel = 24;
+constexpr int kPanel = 8;
 
 inline void swap_rows(int n, double* a, int lda, int r, int q) {
   if (r == q) return;
@@ -130,12 +127,45 @@ inline void swap_rows(int n, double* a, int lda, int r, int q) {
   }
 }
 
-/// B (k x n) <- (unit lower triangle of L)^-1 B.
-inline void unit_lower_solve(int k, int n, const double* l, int ldl, double* b, int ldb) {
-  for (int j = 0; j < n; ++j) {
-    double* x = b + j * ldb;
-    for (int q = 0; q + 1 < k; ++q) axpy_minus(k - q - 1, x[q], l + q * ldl + q + 1, x + q + 1);
+/// inverse (kPanel x kPanel) = -L^-1 for the unit lower triangle L (k x k), padded with zeros.
+inline void negative_unit_inverse(int k, const double* l, int ldl, double* inverse) {
+  for (int i = 0; i < kPanel * kPanel; ++i) inverse[i] = 0.0;
+  for (int j = 0; j < k; ++j) {
+    double* x = inverse + j * kPanel;
+    x[j] = -1.0;
+    for (int q = j; q + 1 < k; ++q)
+      for (int i = q + 1; i < k; ++i) x[i] -= x[q] * l[q * ldl + i];
   }
+}
+
+/// B (k x N, k <= kPanel) <- L^-1 B, given -L^-1; every entry is read before any is written.
+template <int N>
+inline void apply_inverse(int k, const double* inverse, double* b, int ldb) {
+  constexpr int MV = kPanel / W;
+  V acc[MV][N];
+  for (int v = 0; v < MV; ++v)
+    for (int j = 0; j < N; ++j) acc[v][j] = zero();
+  for (int q = 0; q < k; ++q)
+    for (int j = 0; j < N; ++j) {
+      const V bv = spread(b[j * ldb + q]);
+      for (int v = 0; v < MV; ++v) acc[v][j] = minus_product(acc[v][j], load(inverse + q * kPanel + v * W), bv);
+    }
+  for (int v = 0; v < MV; ++v)
+    for (int j = 0; j < N; ++j) {
+      const int rest = k - v * W;
+      if (rest >= W)
+        store(b + j * ldb + v * W, acc[v][j]);
+      else if (rest > 0)
+        store(b + j * ldb + v * W, acc[v][j], rest);
+    }
+}
+
+/// B (k x n) <- L^-1 B.
+inline void lower_solve(int k, int n, const double* inverse, double* b, int ldb) {
+  constexpr int N = 4;
+  int j = 0;
+  for (; j + N <= n; j += N) apply_inverse<N>(k, inverse, b + j * ldb, ldb);
+  for (; j < n; ++j) apply_inverse<1>(k, inverse, b + j * ldb, ldb);
 }
 
 }  // namespace
@@ -172,10 +202,12 @@ int factor_front(int p, int u, double* l, double* up, double* s, int* pivots) {
       swap_rows(u, up, p, k, pivots[k]);
     }
     const int width = k1 - k0;
-    const double* l11 = l + k0 * n + k0;
-    unit_lower_solve(width, p - k1, l11, n, l + k1 * n + k0, n);
+    if (p == k1 && u == 0) break;
+    double inverse[kPanel * kPanel];
+    negative_unit_inverse(width, l + k0 * n + k0, n, inverse);
+    lower_solve(width, p - k1, inverse, l + k1 * n + k0, n);
     gemm_minus(n - k1, p - k1, width, l + k0 * n + k1, n, l + k1 * n + k0, n, l + k1 * n + k1, n);
-    unit_lower_solve(width, u, l11, n, up + k0, p);
+    lower_solve(width, u, inverse, up + k0, p);
     gemm_minus(p - k1, u, width, l + k0 * n + k1, n, up + k0, p, up + k1, p);
   }
   gemm_minus(u, u, p, l + p, n, up, p, s, u);

@@ -1,11 +1,11 @@
 #include "dense_kernels.hpp"
 
-#define SIGNORINI_DECLARE_KERNELS(space)                                                                \
-  namespace signorini::space {                                                                          \
-  int factor_front(int p, int u, double* l, double* up, double* s, int* pivots);                        \
-  void forward(int p, int u, const double* l, const int* pivots, double* x, double* y);                 \
-  void backward(int p, int u, const double* l, const double* up, double* x, const double* xu);          \
-  constexpr DenseKernels kernels{&factor_front, &forward, &backward};                                   \
+#define SIGNORINI_DECLARE_KERNELS(space)                                                       \
+  namespace signorini::space {                                                                 \
+  int factor_front(int p, int u, double* l, double* up, double* s, int* pivots);               \
+  void forward(int p, int u, const double* l, const int* pivots, double* x, double* y);        \
+  void backward(int p, int u, const double* l, const double* up, double* x, const double* xu); \
+  constexpr DenseKernels kernels{&factor_front, &forward, &backward};                          \
   }
 
 #ifdef SIGNORINI_KERNELS_X86

@@ -50,12 +50,12 @@ class MassSpaceSystem final : public ScaledDelassus {
   std::vector<int> set_sizes_, set_offsets_, block_sizes_, block_offsets_;
   std::vector<Piece> pieces_;
   std::vector<Product> products_;
-  std::vector<double> js_;                       // values of the pieces
-  std::vector<std::size_t> jacobian_target_;     // for each entry of J, where it goes in js_
-  std::vector<double> mass_values_;              // M laid out as lu_.values()
+  std::vector<double> js_;                    // values of the pieces
+  std::vector<std::size_t> jacobian_target_;  // for each entry of J, where it goes in js_
+  std::vector<double> mass_values_;           // M laid out as lu_.values()
   std::vector<Index> mass_target_;
   std::vector<int> mass_outer_, mass_inner_, jacobian_outer_, jacobian_inner_;
-  SparseMatrix inverse_;                         // M^-1 Js'
+  SparseMatrix inverse_;  // M^-1 Js'
   BlockDiagonal x_inverse_, y_, c_;
   int sign_ = 0;
   mutable Vector w_, r_;
@@ -182,7 +182,8 @@ void MassSpaceSystem::setup(const SparseMatrix& mass, const SparseMatrix& jacobi
   std::fill(js_.begin(), js_.end(), 0.0);
   std::size_t k = 0;
   for (Index c = 0; c < jacobian.cols(); ++c)
-    for (SparseMatrix::InnerIterator it(jacobian, c); it; ++it) js_[jacobian_target_[k++]] = it.value() * scale[it.row()];
+    for (SparseMatrix::InnerIterator it(jacobian, c); it; ++it)
+      js_[jacobian_target_[k++]] = it.value() * scale[it.row()];
   mass_values_.assign(lu_.values().size(), 0.0);
   k = 0;
   for (Index c = 0; c < mass.cols(); ++c)
@@ -209,8 +210,10 @@ bool MassSpaceSystem::factor(const BlockDiagonal& x, const BlockDiagonal* y) {
   sign_ = 1;
   for (std::size_t i = 0; i < set_sizes_.size(); ++i) {
     const int o = set_offsets_[i];
-    if (y) y_[i] = (*y)[i];
-    else y_[i].setIdentity();
+    if (y)
+      y_[i] = (*y)[i];
+    else
+      y_[i].setIdentity();
     if (set_sizes_[i] == 1) {
       const double value = x[i](0, 0) + y_[i](0, 0) * damping_[o];
       if (!(std::abs(value) > 0.0)) return sign_ = 0, false;

@@ -12,8 +12,8 @@ namespace signorini {
 
 SparseDelassus::SparseDelassus(const SparseMatrix& matrix) {
   if (matrix.rows() != matrix.cols()) {
-    throw InvalidInput("delassus", "is " + std::to_string(matrix.rows()) + " x " + std::to_string(matrix.cols()) +
-                                       ", must be square");
+    throw InvalidInput(
+        "delassus", "is " + std::to_string(matrix.rows()) + " x " + std::to_string(matrix.cols()) + ", must be square");
   }
   for (Index c = 0; c < matrix.outerSize(); ++c)
     for (SparseMatrix::InnerIterator it(matrix, c); it; ++it) {

@@ -70,10 +70,11 @@ void ContactProblem::velocity(const ConstVectorRef& impulse, VectorRef velocity)
 
 void ContactProblem::check_definite() const {
   if (size() == 0) return;
-  // With unit diagonal, and a shift for rounding and for what an unsymmetric part can hide.
+  // With unit diagonal, and a shift for rounding (to single precision, in some files) and for what an unsymmetric part
+  // can hide.
   const Vector s = scale_.cwiseSqrt().cwiseInverse();
   SparseMatrix a = s.asDiagonal() * delassus_->matrix() * s.asDiagonal();
-  const double shift = 1e-8 + 10.0 * delassus_->asymmetry();
+  const double shift = 1e-5 + 10.0 * delassus_->asymmetry();
   for (Index i = 0; i < size(); ++i) a.coeffRef(i, i) += shift + compliance_[i] * s[i] * s[i];
   Eigen::SimplicialLDLT<SparseMatrix> factor(a);
   const double smallest = factor.info() == Eigen::Success ? factor.vectorD().minCoeff() : -1.0;

@@ -1,26 +1,33 @@
+// Algorithm 1 of Carpentier et al. 2024; equation numbers are the paper's. Letters in this file:
+//   A, b    scaled Delassus operator with compliance, and free velocity
+//   f, y, z impulse of the unconstrained step, impulse in K, their multiplier (the velocity, with Gamma)
+//   s       Gamma(z)                   rho, eta   penalty and proximal weight
+//   w       f - z / rho, of the last iteration. Since y = P_K(w) and z = rho (y - w), one iteration is a map from w to
+//   w
+//           (but for eta f, which is small), and the one that is accelerated.
 #include "signorini/solver/admm.hpp"
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <limits>
 
+#include "finish.hpp"
 #include "no_malloc.hpp"
 #include "signorini/problem/de_saxce.hpp"
 
 namespace signorini {
 namespace {
-double env(const char* n, double d) { const char* e = std::getenv(n); return e ? std::atof(e) : d; }
 
 constexpr int kDefaultIterations = 5000;
 constexpr int kPowerIterations = 20;
-constexpr int kCheckInterval = 10;
+constexpr int kCheckInterval = 10;  // unscaled, where the cheap residual is not the certificate's
 
-/// Largest eigenvalue of A, from below by power iteration, plus a margin.
+double max_norm(const Vector& x) { return x.size() > 0 ? x.cwiseAbs().maxCoeff() : 0.0; }
+
+/// Largest eigenvalue of A, by power iteration.
 double largest_eigenvalue(const ScaledDelassus& a, Vector& x, Vector& ax) {
-  const Index n = a.size();
-  // A fixed start without the symmetries that a contact problem may have.
-  for (Index i = 0; i < n; ++i) x[i] = 1.0 + 0.5 * std::sin(1.0 + 2.7 * static_cast<double>(i));
+  // A fixed start that has none of the symmetries of a contact problem.
+  for (Index i = 0; i < x.size(); ++i) x[i] = 1.0 + 0.5 * std::sin(1.0 + 2.7 * static_cast<double>(i));
   double eigenvalue = 0.0;
   for (int k = 0; k < kPowerIterations; ++k) {
     x /= x.norm();
@@ -32,122 +39,192 @@ double largest_eigenvalue(const ScaledDelassus& a, Vector& x, Vector& ax) {
   return eigenvalue;
 }
 
-double max_norm(const Vector& x) { return x.size() > 0 ? x.cwiseAbs().maxCoeff() : 0.0; }
+/// One solve, cut into the verbs of its loop.
+class Admm {
+ public:
+  Admm(const ContactProblem& problem, const Settings& settings, AdmmWorkspace& workspace, Solution& solution)
+      : problem_(problem),
+        settings_(settings),
+        w_(workspace),
+        scaled_(workspace.problem),
+        solution_(solution),
+        eta_(settings.admm.proximal_weight) {}
+
+  void resize() {
+    const Index n = problem_.size();
+    for (Vector* v : {&w_.f, &w_.f_last, &w_.y, &w_.y_last, &w_.z, &w_.s, &w_.w, &w_.w_next, &w_.w_plain, &w_.velocity,
+                      &w_.best, &w_.impulse, &w_.sigma, &w_.scratch}) {
+      v->setZero(n);
+    }
+    w_.damping.assign(static_cast<std::size_t>(problem_.num_sets()), Eigen::Matrix3d::Zero());
+    w_.anderson.setup(n, settings_.admm.anderson_memory);
+  }
+
+  void start(const Guess* guess) {
+    start_penalty(guess);
+    if (guess) {
+      scaled_.from_impulse(guess->impulse, w_.y);
+      scaled_.sets.project(w_.y, w_.y);
+      w_.f = w_.y;
+      scaled_.system->apply(w_.f, w_.z);
+      w_.z += scaled_.b;
+      add_de_saxce_correction(scaled_.sets, settings_.law, w_.z);
+    } else {
+      scaled_.sets.project(w_.y, w_.y);  // 0, but for an interval without it
+    }
+    w_.best = w_.y;
+  }
+
+  bool factor() {
+    for (Eigen::Matrix3d& block : w_.damping) block.diagonal().setConstant(eta_ + rho());
+    ++solution_.factorizations;
+    w_.anderson.reset();
+    w_.w = w_.y - w_.z / rho();
+    return scaled_.system->factor(w_.damping);
+  }
+
+  /// Lines 2 to 6.
+  void iterate() {
+    w_.f.swap(w_.f_last);
+    w_.y.swap(w_.y_last);
+    de_saxce_correction(scaled_.sets, settings_.law, w_.z, w_.s);
+    w_.f = eta_ * w_.f_last + rho() * w_.y_last + w_.z - scaled_.b - w_.s;
+    w_.velocity = w_.f + scaled_.b;
+    scaled_.system->solve(w_.f);           // (37)
+    w_.velocity -= (eta_ + rho()) * w_.f;  // A f + b, for free
+    w_.w_next = w_.f - w_.z / rho();
+    scaled_.sets.project(w_.w_next, w_.y);  // (39)
+    w_.z = rho() * (w_.y - w_.w_next);      // (36c)
+    w_.scratch = w_.f - w_.y;
+    primal_ = max_norm(w_.scratch);  // (40)
+    w_.scratch = eta_ * (w_.f - w_.f_last) + rho() * (w_.y - w_.y_last);
+    dual_ = max_norm(w_.scratch);  // (41)
+  }
+
+  /// True when y is the answer, or must do. Keeps the best y.
+  bool stop() {
+    bool look = settings_.record_history;
+    if (settings_.admm.scaling) {
+      // Of f, whose velocity is known; y's costs a product.
+      const double relative = natural_residual(scaled_, settings_.law, w_.f, w_.velocity, w_.scratch);
+      if (!std::isfinite(relative)) return true;
+      keep_best(relative);
+      look = look || relative <= settings_.tolerance;
+    } else {
+      look = look || solution_.iterations % kCheckInterval == 0;
+    }
+    const bool converged = paper_converged();
+    if (!look && !converged) return false;
+
+    const Residual certificate = certify(w_.y);
+    if (settings_.record_history) {
+      solution_.history.push_back({solution_.iterations, solution_.factorizations, rho(), certificate});
+    }
+    if (!settings_.admm.scaling) {
+      if (!std::isfinite(certificate.relative)) return true;
+      keep_best(certificate.relative);
+    }
+    if (!converged && !certificate.solves(settings_.tolerance)) return false;
+    w_.best = w_.y;
+    return true;
+  }
+
+  /// True when rho has moved: the damped matrix is another one.
+  bool move_penalty() {
+    const double primal_scale = std::max(max_norm(w_.f), max_norm(w_.y));
+    const double dual_scale = std::max(max_norm(scaled_.b), max_norm(w_.z));
+    return w_.penalty.update(primal_, dual_, primal_scale, dual_scale);
+  }
+
+  void accelerate() {
+    if (settings_.admm.anderson_memory == 0) return;
+    w_.w_plain.swap(w_.w);
+    w_.anderson.step(w_.w_plain, w_.w_next, w_.w);
+    scaled_.sets.project(w_.w, w_.y);
+    w_.z = rho() * (w_.y - w_.w);
+  }
+
+  Residual certify(const Vector& y) {
+    scaled_.to_impulse(y, w_.impulse);
+    return residual(problem_, w_.impulse, settings_.law, w_.sigma, w_.scratch);
+  }
+
+  double rho() const { return w_.penalty.value(); }
+
+ private:
+  void start_penalty(const Guess* guess) {
+    const AdmmSettings& admm = settings_.admm;
+    const double penalty = guess && guess->penalty > 0.0 ? guess->penalty : admm.penalty;
+    const Index n = problem_.size();
+    // The scaled A has diagonal blocks of unit size: residual balancing needs to know no more.
+    double m = eta_, largest = 1.0;
+    if (n > 0 && !(admm.scaling && admm.penalty_rule == PenaltyRule::ResidualBalancing)) {
+      m += scaled_.scale.cwiseAbs2().cwiseProduct(problem_.compliance()).minCoeff();
+      largest = std::max(m, eta_ + largest_eigenvalue(*scaled_.system, w_.w, w_.scratch));
+    }
+    w_.penalty.start(admm, m, largest, penalty);
+  }
+
+  void keep_best(double relative) {
+    if (!(relative < best_relative_)) return;
+    best_relative_ = relative;
+    w_.best = w_.y;
+  }
+
+  /// The paper's own stop test (43), with (42).
+  bool paper_converged() const {
+    const double tolerance = settings_.admm.paper_tolerance;
+    if (!(tolerance > 0.0 && primal_ <= tolerance && dual_ <= tolerance)) return false;
+    for (const ConstraintSet& set : scaled_.sets) {
+      const double product = w_.f.segment(set.offset, set.size()).dot(w_.z.segment(set.offset, set.size()));
+      if (!(std::abs(product) <= tolerance) && set.type != SetType::Interval) return false;
+    }
+    return true;
+  }
+
+  const ContactProblem& problem_;
+  const Settings& settings_;
+  AdmmWorkspace& w_;
+  const ScaledProblem& scaled_;
+  Solution& solution_;
+  const double eta_;
+  double primal_ = 0.0, dual_ = 0.0;
+  double best_relative_ = std::numeric_limits<double>::infinity();
+};
 
 }  // namespace
 
 void solve_admm(const ContactProblem& problem, const Settings& settings, AdmmWorkspace& w, const Guess* guess,
                 Solution& solution) {
-  const AdmmSettings& admm = settings.admm;
-  const Index n = problem.size();
-  const Law law = settings.law;
   const int max_iterations = settings.max_iterations > 0 ? settings.max_iterations : kDefaultIterations;
-  static const double relax = env("RELAX", 1.0);
-
-  w.problem.setup(problem, admm.scaling);
-  const ScaledProblem& p = w.problem;
-  for (Vector* v : {&w.f, &w.f_last, &w.y, &w.y_last, &w.z, &w.s, &w.w, &w.w_next, &w.w_last, &w.velocity, &w.best,
-                    &w.impulse, &w.sigma, &w.scratch}) {
-    v->setZero(n);
-  }
-  w.damping.assign(static_cast<std::size_t>(p.sets.num_sets()), Eigen::Matrix3d::Zero());
-  w.anderson.setup(n, admm.anderson_memory);
-  solution.impulse.setZero(n);
-  solution.velocity.setZero(n);
-  solution.history.clear();
-  if (settings.record_history) solution.history.reserve(static_cast<std::size_t>(max_iterations) + 1);
-  solution.status = Status::MaxIterations;
-  solution.solver = SolverType::Admm;
+  w.problem.setup(problem, settings.admm.scaling);
   solution.iterations = solution.factorizations = 0;
+  solution.history.clear();
+  if (settings.record_history) solution.history.reserve(static_cast<std::size_t>(max_iterations));
 
-  NoMalloc no_malloc;
-  const double eta = admm.proximal_weight;
-  const double m = eta + (n > 0 ? p.scale.cwiseAbs2().cwiseProduct(problem.compliance()).minCoeff() : 0.0);
-  const double L = std::max(eta + largest_eigenvalue(*p.system, w.w, w.scratch), m);
-  w.penalty.start(admm, m, L, guess && guess->penalty > 0.0 ? guess->penalty : admm.penalty);
-
-  if (guess) {
-    p.from_impulse(guess->impulse, w.y);
-    p.sets.project(w.y, w.y);
-  }
-  w.f = w.y;
-  p.system->apply(w.f, w.z);
-  w.z += p.b;
-  add_de_saxce_correction(p.sets, law, w.z);
-  w.best = w.y;
-  if (env("Z0", 1)) w.z.setZero();
-  if (env("ZP", 0)) p.sets.project_dual(w.z, w.z);
-
-  double best_residual = std::numeric_limits<double>::infinity();
-  const auto factor = [&] {
-    for (Eigen::Matrix3d& block : w.damping) block.diagonal().setConstant(eta + w.penalty.value());
-    ++solution.factorizations;
-    return p.system->factor(w.damping);
-  };
-  const auto certify = [&](const Vector& y) {
-    p.to_impulse(y, w.impulse);
-    return residual(problem, w.impulse, law, w.sigma, w.scratch);
-  };
-  bool factored = factor();
-  if (!factored) solution.status = Status::Stalled;
-  w.w = w.y - w.z / w.penalty.value();
-  while (factored && solution.iterations < max_iterations) {
-    ++solution.iterations;
-    const double rho = w.penalty.value();
-    w.f_last = w.f;
-    w.y_last = w.y;
-    de_saxce_correction(p.sets, law, w.z, w.s);
-    w.f = eta * w.f_last + rho * w.y + w.z - p.b - w.s;
-    w.velocity = w.f + p.b;
-    p.system->solve(w.f);                                       // (37)
-    w.velocity -= (eta + rho) * w.f;                            // A f + b, without a product
-    if (relax != 1.0) w.w_next = relax * w.f + (1 - relax) * w.y - w.z / rho;
-    else w.w_next = w.f - w.z / rho;
-    p.sets.project(w.w_next, w.y);                              // (39)
-    w.z = rho * (w.y - w.w_next);                               // (36c)
-    const double primal = max_norm(w.f - w.y);                                       // (40)
-    w.velocity.swap(w.scratch); de_saxce_correction(p.sets, law, w.z, w.velocity); static const double dg=env("DUALG",0); const double dual = max_norm(eta * (w.f - w.f_last) + rho * (w.y - w.y_last) + dg*(w.velocity-w.s)); w.velocity.swap(w.scratch);   // (41)
-
-    // stop
-    bool check;
-    if (admm.scaling) {
-      const double natural = natural_residual(p, law, w.f, w.velocity, w.scratch);
-      if (!std::isfinite(natural)) { solution.status = Status::Stalled; break; }
-      check = natural <= settings.tolerance;
-      if (natural < best_residual) { best_residual = natural; w.best = w.y; }
-    } else {
-      check = solution.iterations % kCheckInterval == 0;
-    }
-    bool paper_stop = false;
-    if (admm.paper_tolerance > 0.0 && primal <= admm.paper_tolerance && dual <= admm.paper_tolerance) {
-      double comp = 0;
-      for (const ConstraintSet& set : p.sets) comp = std::max(comp, std::abs(w.f.segment(set.offset, set.size()).dot(w.z.segment(set.offset, set.size()))));
-      paper_stop = comp <= admm.paper_tolerance;
-    }
-    if (check || paper_stop || settings.record_history) {
-      solution.residual = certify(w.y);
-      if (settings.record_history) solution.history.push_back({solution.iterations, solution.factorizations, rho, solution.residual});
-      if (!admm.scaling && solution.residual.relative < best_residual) { best_residual = solution.residual.relative; w.best = w.y; }
-      if (solution.residual.solves(settings.tolerance)) { w.best = w.y; solution.status = Status::Solved; break; }
-      if (paper_stop) { w.best = w.y; break; }
-    }
-    const double ps = std::max(max_norm(w.f), max_norm(w.y)), ds = std::max(max_norm(p.b), max_norm(w.z));
-    if (w.penalty.update(primal, dual, ps, ds)) {
-      if (!factor()) { solution.status = Status::Stalled; break; }
-      w.anderson.reset();
-      w.w = w.y - w.z / w.penalty.value();
-    } else if (admm.anderson_memory > 0) {
-      w.anderson.step(w.w, w.w_next, w.w_last);
-      w.w.swap(w.w_last);
-      p.sets.project(w.w, w.y);
-      w.z = rho * (w.y - w.w);
+  Admm admm(problem, settings, w, solution);
+  admm.resize();
+  {
+    const NoMalloc no_malloc;
+    admm.start(guess);
+    bool done = admm.certify(w.best).solves(settings.tolerance) || !admm.factor();
+    while (!done && solution.iterations < max_iterations) {
+      ++solution.iterations;
+      admm.iterate();
+      if (admm.stop()) {
+        done = true;
+      } else if (admm.move_penalty()) {
+        done = !admm.factor();
+      } else {
+        admm.accelerate();
+      }
     }
   }
-  solution.residual = certify(w.best);
-  solution.impulse = w.impulse;
-  solution.velocity = w.sigma;
-  solution.penalty = w.penalty.value();
-  if (solution.residual.solves(settings.tolerance)) solution.status = Status::Solved;
+  solution.penalty = admm.rho();
+  solution.impulse.resize(problem.size());
+  w.problem.to_impulse(w.best, solution.impulse);
+  problem.sets().project(solution.impulse, solution.impulse);  // off by rounding
+  finish(problem, settings, solution.iterations >= max_iterations, solution);
 }
 
 }  // namespace signorini

@@ -15,4 +15,20 @@ void finish(const ContactProblem& problem, const Settings& settings, bool out_of
                                                                  : Status::Stalled;
 }
 
+void Recorder::record(const Vector& l, const ScaledProblem& scaled, int factorizations) {
+  if (!settings_.record_history) return;
+  Vector impulse(problem_.size());
+  scaled.to_impulse(l, impulse);
+  record(impulse, factorizations);
+}
+
+void Recorder::record(const Vector& impulse, int factorizations) {
+  if (!settings_.record_history) return;
+  IterationRecord entry;
+  entry.iteration = static_cast<int>(solution_.history.size());
+  entry.factorizations = factorizations;
+  entry.residual = residual(problem_, impulse, settings_.law);
+  solution_.history.push_back(entry);
+}
+
 }  // namespace signorini

@@ -17,10 +17,10 @@ namespace signorini {
 namespace {
 
 constexpr double kToBoundary = 0.99;
-constexpr double kLeastCentring = 1e-4, kLateCentring = 0.1;
-constexpr int kLate = 20;             // iterations after which centring is never less than kLateCentring
-constexpr int kHold = 8;              // iterations that a reduced theta is held, doubled at each recurrence
-constexpr double kEquality = 1e-10;   // keeps redundant equalities factorable
+constexpr double kLateCentring = 0.1;
+constexpr int kLate = 20;            // iterations after which centring is never less than kLateCentring
+constexpr int kHold = 8;             // iterations that a reduced theta is held, doubled at each recurrence
+constexpr double kEquality = 1e-10;  // keeps redundant equalities factorable
 
 using Vector3 = std::array<double, 3>;
 
@@ -81,7 +81,8 @@ void InteriorPoint::start(ScaledProblem& problem, Law law, const Vector* l_guess
   y_.resize(x_.size());
   iterations_ = factorizations_ = negatives_ = hold_ = 0;
   hold_length_ = kHold;
-  step_ = theta_ = 1.0;
+  step_ = 1.0;
+  theta_ = options.theta;
 
   for (Index i = 0; i < problem.sets.num_sets(); ++i) {
     const ConstraintSet& set = problem.sets[i];
@@ -117,9 +118,10 @@ void InteriorPoint::start(ScaledProblem& problem, Law law, const Vector* l_guess
           break;
         }
         const bool below = std::isfinite(set.lower), above = std::isfinite(set.upper);
-        l_[set.offset] = below && above ? 0.5 * (set.lower + set.upper) : below ? set.lower + 1.0
-                                                                      : above   ? set.upper - 1.0
-                                                                                : 0.0;
+        l_[set.offset] = below && above ? 0.5 * (set.lower + set.upper)
+                         : below        ? set.lower + 1.0
+                         : above        ? set.upper - 1.0
+                                        : 0.0;
         e.bound = set.lower;
         if (below) elements_.push_back(e);
         e.sign = -1.0;
@@ -138,7 +140,7 @@ void InteriorPoint::start(ScaledProblem& problem, Law law, const Vector* l_guess
     t_ += problem.b;
   }
   for (Element& e : elements_) {
-    e.x = {start_scale, 0.0, 0.0};
+    e.x = {options.start_scale, 0.0, 0.0};
     e.z = {dual, 0.0, 0.0};
     if (e.line) {
       if (problem.sets[e.set].type == SetType::Interval) e.x[0] = e.sign * (l_[e.row] - e.bound);
@@ -217,7 +219,7 @@ void InteriorPoint::scalings() {
 }
 
 bool InteriorPoint::factor() {
-  const double theta = law_ == Law::Ccp || lagged ? 0.0 : theta_;
+  const double theta = law_ == Law::Ccp ? 0.0 : theta_;
   for (Eigen::Matrix3d& block : x_) block.setZero();
   for (Index i = 0; i < problem_->sets.num_sets(); ++i)
     if (problem_->sets[i].type == SetType::Equality) x_[static_cast<std::size_t>(i)](0, 0) = kEquality;
@@ -252,7 +254,7 @@ bool InteriorPoint::factor() {
 }
 
 void InteriorPoint::direction() {
-  const double theta = law_ == Law::Ccp || lagged ? 0.0 : theta_;
+  const double theta = law_ == Law::Ccp ? 0.0 : theta_;
   rhs_ = residual_;
   for (const Element& e : elements_) {
     if (e.line) {
@@ -273,8 +275,7 @@ void InteriorPoint::direction() {
       continue;
     }
     e.dx = {e.friction * rhs_[e.row + 2], rhs_[e.row], rhs_[e.row + 1]};
-    for (int r = 0; r < 3; ++r)
-      e.dz[r] = e.centre[r] - e.h[r][0] * e.dx[0] - e.h[r][1] * e.dx[1] - e.h[r][2] * e.dx[2];
+    for (int r = 0; r < 3; ++r) e.dz[r] = e.centre[r] - e.h[r][0] * e.dx[0] - e.h[r][1] * e.dx[1] - e.h[r][2] * e.dx[2];
   }
 }
 
@@ -304,10 +305,10 @@ bool InteriorPoint::step() {
   if (hold_ > 0)
     --hold_;
   else
-    theta_ = 1.0;
+    theta_ = options.theta;
   if (!factor()) return false;
   // A negative determinant means a branch of the NCP that turns away: hold the De Saxce derivative back.
-  while (law_ == Law::Ncp && !lagged && theta_ > 0.0 && problem_->system->determinant_sign() < 0) {
+  while (law_ == Law::Ncp && theta_ > 0.0 && problem_->system->determinant_sign() < 0) {
     ++negatives_;
     if (hold_ == 0) hold_ = hold_length_, hold_length_ *= 2;
     theta_ *= 0.5;
@@ -321,7 +322,8 @@ bool InteriorPoint::step() {
   const double count = std::max<double>(1.0, static_cast<double>(elements_.size()));
   const double affine = std::min(1.0, longest_step());
   const double ratio = mu_ > 0.0 ? std::max(complementarity(affine) / count / mu_, 0.0) : 0.0;
-  const double least = negatives_ > 0 || iterations_ > kLate ? kLateCentring : kLeastCentring;
+  const bool late = negatives_ > 0 || iterations_ > kLate;
+  const double least = late ? std::max(kLateCentring, options.least_centring) : options.least_centring;
   const double centring = std::max(least, std::min(1.0, ratio * ratio * ratio));
 
   // Corrector: W^-1 c = lambda \ (centring mu e - (W^-1 dx) o (W dz) - lambda o lambda).
@@ -362,14 +364,18 @@ bool InteriorPoint::step() {
 void solve_interior_point(const ContactProblem& problem, const Settings& settings, InteriorPointWorkspace& w,
                           const Guess* guess, Solution& solution) {
   w.problem.setup(problem);
+  w.scratch.setZero(problem.size());
   if (guess) w.problem.from_impulse(guess->impulse, w.scratch);
   InteriorPoint& method = w.method;
   method.start(w.problem, settings.law, guess ? &w.scratch : nullptr);
   const int max_iterations = settings.max_iterations > 0 ? settings.max_iterations : 100;
+  Recorder recorder(problem, settings, solution);
   w.best = method.impulse();
   double best = method.relative();
+  recorder.record(w.best, w.problem, 0);
   while (best > 0.5 * settings.tolerance && method.iterations() < max_iterations && method.step()) {
     if (method.relative() < best) best = method.relative(), w.best = method.impulse();
+    recorder.record(method.impulse(), w.problem, method.factorizations());
   }
   solution.iterations = method.iterations();
   solution.factorizations = method.factorizations();

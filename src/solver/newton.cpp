@@ -14,13 +14,13 @@
 namespace signorini {
 namespace {
 
-constexpr int kWatch = 5;         // residuals that the nonmonotone line search looks back on
+constexpr int kWatch = 5;  // residuals that the nonmonotone line search looks back on
 constexpr int kMaxHalvings = 10;
 constexpr double kLargestDelta = 1e-2, kSmallestDelta = 1e-7, kDeltaFactor = 0.1;
 
 /// X = (I - D) + delta D C and Y = D C of every set.
-void derivative(const ScaledProblem& problem, Law law, const Vector& l, const Vector& t, double delta,
-                BlockDiagonal& x, BlockDiagonal& y) {
+void derivative(const ScaledProblem& problem, Law law, const Vector& l, const Vector& t, double delta, BlockDiagonal& x,
+                BlockDiagonal& y) {
   for (Index i = 0; i < problem.sets.num_sets(); ++i) {
     const ConstraintSet& set = problem.sets[i];
     const Index o = set.offset;
@@ -76,8 +76,8 @@ void NewtonMemory::resize(Index size, Index num_sets) {
   y.resize(static_cast<std::size_t>(num_sets));
 }
 
-NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance, int max_iterations,
-                               NewtonMemory& m) {
+NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance, int max_iterations, NewtonMemory& m,
+                               const IterateObserver& observe) {
   const NoMalloc guard;
   NewtonResult result;
   const auto evaluate = [&](const Vector& l, Vector& t, Vector& natural) {
@@ -112,6 +112,7 @@ NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance
     std::swap(m.t, m.trial_t);
     std::swap(m.natural, m.trial_natural);
     if (!(relative >= result.relative)) result.relative = relative, m.best = m.l;
+    if (observe) observe(m.l, result.factorizations);
     if (std::isnan(relative)) break;
   }
   // The answer lies in the cones where that costs nothing.
@@ -130,8 +131,11 @@ void solve_newton(const ContactProblem& problem, const Settings& settings, Newto
   else
     w.memory.l.setZero();
   const int max_iterations = settings.max_iterations > 0 ? settings.max_iterations : 100;
+  Recorder recorder(problem, settings, solution);
+  recorder.record(w.memory.l, w.problem, 0);
   const NewtonResult result =
-      newton_iterations(w.problem, settings.law, 0.5 * settings.tolerance, max_iterations, w.memory);
+      newton_iterations(w.problem, settings.law, 0.5 * settings.tolerance, max_iterations, w.memory,
+                        [&](const Vector& l, int factorizations) { recorder.record(l, w.problem, factorizations); });
   solution.iterations = result.iterations;
   solution.factorizations = result.factorizations;
   w.problem.to_impulse(w.memory.best, solution.impulse);

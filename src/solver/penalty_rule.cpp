@@ -2,20 +2,21 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 
 namespace signorini {
 namespace {
-double env(const char* n, double d) { const char* e = std::getenv(n); return e ? std::atof(e) : d; }
 
-// Beyond these the damped matrix is numerically the matrix alone, or the identity alone.
+// In units of L. Beyond these the damped matrix is numerically the matrix alone, or the identity alone.
 constexpr double kSmallest = 1e-12, kLargest = 1e12;
 
-// Residual balancing (constants measured, docs/solvers_admm_pgs.md): a change costs a factorisation and the
-// accelerator's memory, so it looks seldom, and ever more seldom, and ignores small ratios.
-const double kBalancedPenalty = env("RHO0",0.02);  // start, in units of L
-const int kFirstInterval = env("INT",20);
-const double kThreshold = env("THR",5);
+// Residual balancing, constants measured (docs/solvers_admm_pgs.md): a change costs a factorisation and the
+// accelerator's memory, so it looks seldom, more seldom after each change, and ignores small ratios, unless the solve
+// drags on.
+constexpr double kBalancedStart = 0.02;  // of L
+constexpr int kFirstInterval = 20;
+constexpr double kThreshold = 5.0, kLeastThreshold = 1.5;
+constexpr double kThresholdDecay = 0.9;  // a look
+constexpr double kLargestFactor = 1e3;
 
 }  // namespace
 
@@ -25,19 +26,21 @@ void Penalty::start(const AdmmSettings& settings, double m, double L, double pen
   condition_ = std::max(L / m, 1.0 + 1e-6);
   exponent_ = settings.spectral_exponent;
   interval_ = wait_ = kFirstInterval;
+  threshold_ = kThreshold;
   if (penalty > 0.0) {
     rho_ = penalty;
     exponent_ = std::log(penalty / base_) / std::log(condition_);
   } else if (settings.penalty_rule == PenaltyRule::ResidualBalancing) {
-    rho_ = kBalancedPenalty * (env("USEL",0) ? L : 1.0);
+    rho_ = kBalancedStart * L;
   } else {
     rho_ = base_ * std::pow(condition_, exponent_);  // (45)
   }
-  rho_ = std::clamp(rho_, kSmallest, kLargest);
+  smallest_ = kSmallest * L, largest_ = kLargest * L;
+  rho_ = std::clamp(rho_, smallest_, largest_);
 }
 
 bool Penalty::move_to(double rho) {
-  rho = std::clamp(rho, kSmallest, kLargest);
+  rho = std::clamp(rho, smallest_, largest_);
   if (rho == rho_) return false;
   rho_ = rho;
   return true;
@@ -56,13 +59,15 @@ bool Penalty::update(double primal, double dual, double primal_scale, double dua
     case PenaltyRule::ResidualBalancing: {
       if (--wait_ > 0) return false;
       const double factor = std::sqrt((primal / primal_scale) / (dual / dual_scale));
-      if (!(factor > kThreshold || factor < 1.0 / kThreshold) || !std::isfinite(factor)) {
+      if (!std::isfinite(factor) || (factor < threshold_ && factor > 1.0 / threshold_)) {
         wait_ = kFirstInterval;
+        threshold_ = std::max(kLeastThreshold, kThresholdDecay * threshold_);
         return false;
       }
-      interval_ *= env("IMUL",2);
+      threshold_ = kThreshold;
+      interval_ *= 2;
       wait_ = interval_;
-      return move_to(rho_ * std::clamp(factor, 1e-3, 1e3));
+      return move_to(rho_ * std::clamp(factor, 1.0 / kLargestFactor, kLargestFactor));
     }
     case PenaltyRule::Constant:
       break;

@@ -29,6 +29,11 @@ void ScaledProblem::setup(const ContactProblem& problem, bool scaled) {
   problem.delassus().prepare(problem.sets(), scale, problem.compliance(), system);
 }
 
+void ScaledProblem::regularize(const ContactProblem& problem, double weight) {
+  const Vector compliance = problem.compliance() + weight * scale.cwiseAbs2().cwiseInverse();
+  problem.delassus().prepare(problem.sets(), scale, compliance, system);
+}
+
 double natural_residual(const ScaledProblem& problem, Law law, const ConstVectorRef& l, const ConstVectorRef& t,
                         VectorRef natural) {
   double error = 0.0, largest = problem.reference;

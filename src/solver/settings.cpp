@@ -38,8 +38,7 @@ void Settings::validate() const {
         "in (0, 1]");
   check(admm.linear_factor > 1.0 && admm.linear_factor <= 1e6, "linear_factor", admm.linear_factor, "in (1, 1e6]");
   check(admm.ratio > 1.0 && admm.ratio <= 1e6, "ratio", admm.ratio, "in (1, 1e6]");
-  check(admm.anderson_memory >= 0 && admm.anderson_memory <= 50, "anderson_memory", admm.anderson_memory,
-        "in [0, 50]");
+  check(admm.anderson_memory >= 0 && admm.anderson_memory <= 50, "anderson_memory", admm.anderson_memory, "in [0, 50]");
   check(admm.paper_tolerance >= 0.0 && admm.paper_tolerance < 1.0, "paper_tolerance", admm.paper_tolerance,
         "in [0, 1)");
   check(pgs.over_relaxation > 0.0 && pgs.over_relaxation < 2.0, "over_relaxation", pgs.over_relaxation, "in (0, 2)");

@@ -4,33 +4,38 @@
 
 namespace signorini {
 
-/// Anderson acceleration of type II for a fixed point x = T(x), safeguarded: with g = T(x) - x, it extrapolates over
-/// the last `memory` steps to where a linear g would vanish (Walker and Ni 2011),
+/// Anderson acceleration, type II (Walker and Ni 2011), of a fixed point x = T(x). With g = T(x) - x it extrapolates
+/// over the last `memory` steps to where a linear g would be smallest,
 ///     x_next = T(x) - dT gamma,   gamma = argmin |g - dg gamma|,
-/// and goes back to plain steps when |g| grows.
+/// and is safeguarded: an extrapolation that makes |g| grow is undone, and plain steps follow, more of them after each
+/// failure and fewer after each success. So it cannot keep a map from converging that converges by itself.
 class Anderson {
  public:
-  /// Allocates for n unknowns; memory 0 switches acceleration off.
+  /// Allocates for n unknowns. memory = 0 switches acceleration off.
   void setup(Index n, int memory);
-  /// Forgets the history: T has changed.
+  /// Forgets all steps: T has changed.
   void reset();
-  /// Next iterate, from x and image = T(x). next may be neither of them.
+  /// The next iterate, from x and image = T(x); next is neither of them. Allocates nothing.
   void step(const Vector& x, const Vector& image, Vector& next);
 
  private:
-  Matrix images_;     ///< dT, one column a step, oldest overwritten
+  void remember(const Vector& image);
+  bool solve_least_squares();
+
+  Matrix images_;     ///< dT, a column a step, the oldest overwritten
   Matrix residuals_;  ///< dg
   Matrix gram_;       ///< dg^T dg
-  Matrix factor_;
+  Matrix factor_;     ///< its Cholesky factor
   Vector gamma_;
-  Vector g_, last_image_, last_g_;
+  Vector g_, last_g_, last_image_;
   double last_norm_ = 0.0;
   int memory_ = 0;
-  int count_ = 0;      ///< columns in use
-  int next_ = 0;       ///< column to write
-  int pause_ = 0, cool_ = 0;
-  bool started_ = false;
-  bool extrapolated_ = false;  ///< the last step was not plain
+  int columns_ = 0;  ///< in use
+  int oldest_ = 0;   ///< the column to overwrite next
+  bool has_last_ = false;
+  bool extrapolated_ = false;  ///< x came from an extrapolation
+  double pause_ = 0.0;         ///< plain steps after a failure
+  int plain_steps_left_ = 0;
 };
 
 }  // namespace signorini

@@ -19,15 +19,21 @@ class InteriorPoint {
   /// One step; false when it cannot go on (not finite).
   bool step();
 
-  double relative() const { return relative_; }     ///< certificate of impulse()
-  const Vector& impulse() const { return l_; }      ///< scaled, inside the cones
+  double relative() const { return relative_; }  ///< certificate of impulse()
+  const Vector& impulse() const { return l_; }   ///< scaled, inside the cones
   int factorizations() const { return factorizations_; }
   int iterations() const { return iterations_; }
   /// True after a step whose matrix had a negative determinant: the De Saxce derivative is held back.
-  bool held_back() const { return theta_ < 1.0; }
+  bool held_back() const { return theta_ < options.theta; }
   double last_step() const { return step_; }
-  double start_scale = 1.0;  ///< size of the starting impulse
-  bool lagged = false;       ///< leave the De Saxce derivative out of the matrix altogether
+
+  /// What restarts vary: every fixed choice stalls on some problems, and different choices on different ones.
+  struct Options {
+    double start_scale = 30.0;     ///< size of the starting impulse
+    double least_centring = 0.03;  ///< of the first iterations
+    double theta = 1.0;            ///< share of the De Saxce derivative kept in the matrix
+  };
+  Options options;
 
  private:
   using Vector3 = std::array<double, 3>;
@@ -42,10 +48,10 @@ class InteriorPoint {
     double h[3][3] = {};  // H = W^-2
   };
 
-  void evaluate();           // t_, residual_, relative_ and the complementarity
-  void scalings();           // eta, w, h of every element
-  bool factor();             // X + A, with the determinant guard
-  void direction();          // dx, dz of every element from its centre
+  void evaluate();   // t_, residual_, relative_ and the complementarity
+  void scalings();   // eta, w, h of every element
+  bool factor();     // X + A, with the determinant guard
+  void direction();  // dx, dz of every element from its centre
   double longest_step() const;
   double complementarity(double step) const;  // sum of x . z after the step
 

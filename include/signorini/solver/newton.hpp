@@ -1,5 +1,7 @@
 #pragma once
 
+#include <functional>
+
 #include "signorini/solver/scaled_problem.hpp"
 #include "signorini/solver/solution.hpp"
 
@@ -12,6 +14,9 @@ struct NewtonMemory {
   void resize(Index size, Index num_sets);
 };
 
+/// Called with each iterate (scaled impulse) and the factorisations so far; empty: not called.
+using IterateObserver = std::function<void(const Vector& l, int factorizations)>;
+
 struct NewtonResult {
   double relative = 0.0;  ///< certificate of NewtonMemory::best
   int iterations = 0;
@@ -21,7 +26,7 @@ struct NewtonResult {
 /// Semismooth Newton on the natural map l - P_K(l - t - Gamma(t)) of a scaled problem, from memory.l. Quadratic near a
 /// solution, nothing promised far from one: made to finish and to warm-start. memory.best is the best iterate seen.
 NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance, int max_iterations,
-                               NewtonMemory& memory);
+                               NewtonMemory& memory, const IterateObserver& observe = {});
 
 struct NewtonWorkspace {
   ScaledProblem problem;

@@ -25,8 +25,10 @@ class Penalty {
   double base_ = 1.0;       ///< sqrt(m L), spectral
   double condition_ = 1.0;  ///< L / m, spectral
   double exponent_ = 0.0;   ///< p, spectral
+  double smallest_ = 0.0, largest_ = 0.0;
+  double threshold_ = 1.0;  ///< ratio up to which residual balancing leaves rho alone
   int wait_ = 0;            ///< iterations until residual balancing looks again
-  int interval_ = 0;
+  int interval_ = 0;        ///< after the next change
 };
 
 }  // namespace signorini

@@ -22,11 +22,12 @@ struct ScaledProblem {
   /// Sizes and fills everything. scaled = false: S = I, unit = 1.
   void setup(const ContactProblem& problem, bool scaled = true);
 
+  /// Makes A stand for A + weight I: a compliance of `weight` times the diagonal. 0: the problem itself again.
+  void regularize(const ContactProblem& problem, double weight);
+
   Index size() const { return b.size(); }
   void to_impulse(const ConstVectorRef& l, VectorRef impulse) const { impulse = unit * scale.cwiseProduct(l); }
-  void from_impulse(const ConstVectorRef& impulse, VectorRef l) const {
-    l = impulse.cwiseQuotient(scale) / unit;
-  }
+  void from_impulse(const ConstVectorRef& impulse, VectorRef l) const { l = impulse.cwiseQuotient(scale) / unit; }
 };
 
 /// The certificate's relative residual of l, from its velocity t = A l + b (without Gamma), when scaled with S above.

@@ -40,9 +40,9 @@ struct PgsSettings {
 struct Settings {
   SolverType solver = SolverType::Auto;
   Law law = Law::Ncp;
-  double tolerance = 1e-6;     ///< on Residual::relative, in (0, 1)
-  int max_iterations = 0;      ///< 0: the solver's own default; else at least 1
-  bool record_history = false; ///< Solution::history, one record an iteration
+  double tolerance = 1e-6;      ///< on Residual::relative, in (0, 1)
+  int max_iterations = 0;       ///< 0: the solver's own default; else at least 1
+  bool record_history = false;  ///< Solution::history, one record an iteration
   AdmmSettings admm;
   PgsSettings pgs;
 

@@ -24,14 +24,14 @@ struct IterationRecord {
 /// Complete also when a solve fails.
 struct Solution {
   Status status = Status::Invalid;
-  SolverType solver = SolverType::Auto;  ///< the method that produced the answer
+  SolverType solver = SolverType::Auto;  ///< the method that produced the answer, of the largest island
   Vector impulse;                        ///< lambda [N s]
   Vector velocity;                       ///< sigma = (G + R) lambda + g [m/s], without Gamma
   Residual residual;                     ///< the certificate of `impulse`
-  int iterations = 0;
-  int factorizations = 0;
-  double seconds = 0.0;  ///< wall time of the solve, symbolic analysis included
-  double penalty = 0.0;  ///< ADMM's last rho, for a warm start; 0 elsewhere
+  int iterations = 0;                    ///< auto: of the island that took the most
+  int factorizations = 0;                ///< likewise
+  double seconds = 0.0;                  ///< wall time of the solve, symbolic analysis included
+  double penalty = 0.0;                  ///< ADMM's last rho, for a warm start; 0 elsewhere
   std::vector<IterationRecord> history;
 };
 

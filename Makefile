@@ -1,0 +1,74 @@
+# Each target sets up what it needs in .venv: python3 (with venv) and a C++17 compiler are all a machine must have.
+PYTHON ?= python3
+JOBS ?= 2
+SIGNORINI_DATA ?= $(wildcard ../shared/data/contact_problems)
+export SIGNORINI_DATA
+
+venv := .venv
+bin := $(abspath $(venv))/bin
+site = $(shell $(bin)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")
+export PATH := $(bin):$(PATH)
+export VIRTUAL_ENV := $(abspath $(venv))
+export CMAKE_BUILD_PARALLEL_LEVEL := $(JOBS)
+
+cpp_files = $(shell find include src bindings tests examples -name '*.cpp' -o -name '*.hpp')
+sources := $(shell find include src bindings cmake -type f) CMakeLists.txt pyproject.toml
+
+.PHONY: demo test test-python test-cpp test-examples bench lint format clean
+
+## make demo: solve the cube stack and, if there are any, problem files; print the certificates
+demo: $(venv)/installed
+	@$(bin)/python examples/python/demo.py
+
+## make test: every test there is
+test: lint test-python test-cpp test-examples
+
+test-python: $(venv)/installed
+	$(bin)/python -m pytest
+
+test-cpp: test-cpp-release test-cpp-asan-ubsan test-cpp-no-malloc
+
+test-cpp-%: $(venv)/tools
+	$(bin)/cmake --preset $* -DCMAKE_PREFIX_PATH=$(site)
+	$(bin)/cmake --build --preset $*
+	ASAN_OPTIONS=detect_leaks=1 UBSAN_OPTIONS=print_stacktrace=1 $(bin)/ctest --preset $*
+
+# The C++ example, built against an installed copy as a user would; then the Python ones.
+test-examples: $(venv)/installed test-cpp-release
+	$(bin)/cmake --install build/release --prefix build/installed
+	$(bin)/cmake -S examples/cpp -B build/example -G Ninja -DCMAKE_PREFIX_PATH="$(abspath build/installed);$(site)/cmeel.prefix"
+	$(bin)/cmake --build build/example
+	build/example/sliding_block
+	$(bin)/python examples/python/sliding_block.py
+
+## make bench: the experiments, into results/ (long)
+bench: $(venv)/installed
+	for name in profiles updates convergence; do $(bin)/signorini experiment $$name --output results/$$name || exit 1; done
+
+## make lint: formats, ruff, mypy
+lint: $(venv)/installed
+	$(bin)/clang-format --dry-run --Werror $(cpp_files)
+	$(bin)/ruff check .
+	$(bin)/ruff format --check .
+	$(bin)/mypy
+
+format: $(venv)/tools
+	$(bin)/clang-format -i $(cpp_files)
+	$(bin)/ruff check --fix .
+	$(bin)/ruff format .
+
+clean:
+	rm -rf build $(venv)
+
+$(venv)/bin/python:
+	$(PYTHON) -m venv $(venv)
+	$(bin)/python -m pip install --quiet --upgrade pip
+
+$(venv)/tools: pyproject.toml | $(venv)/bin/python
+	$(bin)/python -m pip install --quiet --group dev
+	touch $@
+
+# Python sources are used in place (editable); the extension is built again when C++ changed.
+$(venv)/installed: $(venv)/tools $(sources)
+	$(bin)/python -m pip install --quiet --no-build-isolation -Cbuild-dir=build/python --editable ".[peers,plots,test]"
+	touch $@

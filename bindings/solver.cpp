@@ -1,0 +1,112 @@
+#include <nanobind/eigen/dense.h>
+#include <nanobind/stl/string.h>
+
+#include <mutex>
+
+#include "bindings.hpp"
+#include "signorini/solver/solve.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace {
+
+using namespace signorini;
+
+/// A workspace that two threads may hold: their solves then take turns.
+struct SharedWorkspace {
+  Workspace workspace;
+  std::mutex mutex;
+};
+
+/// One row an iteration; the columns are those of HISTORY_FIELDS in solution.py.
+Matrix history(const Solution& solution) {
+  Matrix rows(static_cast<Index>(solution.history.size()), 9);
+  Index i = 0;
+  for (const IterationRecord& h : solution.history) {
+    const Residual& r = h.residual;
+    rows.row(i++) << h.iteration, h.factorizations, h.penalty, r.primal, r.dual, r.complementarity, r.relative,
+        r.signorini, r.dissipation;
+  }
+  return rows;
+}
+
+}  // namespace
+
+void bind_solver(nb::module_& m) {
+  nb::enum_<SolverType>(m, "SolverType")
+      .value("auto", SolverType::Auto)
+      .value("admm", SolverType::Admm)
+      .value("pgs", SolverType::Pgs)
+      .value("interior-point", SolverType::InteriorPoint)
+      .value("newton", SolverType::Newton);
+  nb::enum_<PenaltyRule>(m, "PenaltyRule")
+      .value("spectral", PenaltyRule::Spectral)
+      .value("linear", PenaltyRule::Linear)
+      .value("residual-balancing", PenaltyRule::ResidualBalancing)
+      .value("constant", PenaltyRule::Constant);
+  nb::enum_<Status>(m, "Status")
+      .value("solved", Status::Solved)
+      .value("max iterations", Status::MaxIterations)
+      .value("stalled", Status::Stalled)
+      .value("invalid", Status::Invalid);
+
+  nb::class_<AdmmSettings>(m, "AdmmSettings")
+      .def_rw("penalty_rule", &AdmmSettings::penalty_rule)
+      .def_rw("penalty", &AdmmSettings::penalty)
+      .def_rw("proximal_weight", &AdmmSettings::proximal_weight)
+      .def_rw("spectral_exponent", &AdmmSettings::spectral_exponent)
+      .def_rw("spectral_increment", &AdmmSettings::spectral_increment)
+      .def_rw("linear_factor", &AdmmSettings::linear_factor)
+      .def_rw("ratio", &AdmmSettings::ratio)
+      .def_rw("scaling", &AdmmSettings::scaling)
+      .def_rw("anderson_memory", &AdmmSettings::anderson_memory)
+      .def_rw("paper_tolerance", &AdmmSettings::paper_tolerance);
+  nb::class_<PgsSettings>(m, "PgsSettings").def_rw("over_relaxation", &PgsSettings::over_relaxation);
+  nb::class_<Settings>(m, "Settings")
+      .def(nb::init<>())
+      .def_rw("solver", &Settings::solver)
+      .def_rw("law", &Settings::law)
+      .def_rw("tolerance", &Settings::tolerance)
+      .def_rw("max_iterations", &Settings::max_iterations)
+      .def_rw("record_history", &Settings::record_history)
+      .def_rw("admm", &Settings::admm)
+      .def_rw("pgs", &Settings::pgs)
+      .def("validate", &Settings::validate);
+
+  nb::class_<SharedWorkspace>(m, "Workspace",
+                              "Memory of the solvers, reused by solves of the same pattern. Two threads that share one "
+                              "take turns.")
+      .def(nb::init<>());
+
+  nb::class_<Guess>(m, "Guess")
+      .def(
+          "__init__", [](Guess* self, const Vector& impulse, double penalty) { new (self) Guess{impulse, penalty}; },
+          "impulse"_a, "penalty"_a);
+
+  nb::class_<Solution>(m, "Solution")
+      .def_ro("status", &Solution::status)
+      .def_ro("solver", &Solution::solver)
+      .def_prop_ro("impulse", [](const Solution& self) { return Vector(self.impulse); })
+      .def_prop_ro("velocity", [](const Solution& self) { return Vector(self.velocity); })
+      .def_ro("residual", &Solution::residual)
+      .def_ro("iterations", &Solution::iterations)
+      .def_ro("factorizations", &Solution::factorizations)
+      .def_ro("seconds", &Solution::seconds)
+      .def_ro("penalty", &Solution::penalty)
+      .def_prop_ro("history", &history);
+
+  m.def(
+      "solve",
+      [](const ContactProblem& problem, const Settings& settings, SharedWorkspace* workspace, const Guess* guess) {
+        Solution solution;
+        if (workspace) {
+          const std::lock_guard<std::mutex> lock(workspace->mutex);
+          solve(problem, settings, workspace->workspace, solution, guess);
+        } else {
+          solution = solve(problem, settings, guess);
+        }
+        return solution;
+      },
+      "problem"_a, "settings"_a, "workspace"_a.none(), "guess"_a.none(), nb::call_guard<nb::gil_scoped_release>());
+}

@@ -1,0 +1,102 @@
+"""What users pass, checked and converted to what the core takes."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from signorini._core import CscArrays, InvalidInputError
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
+
+Array = npt.NDArray[np.float64]
+
+
+def is_sparse(value: Any) -> bool:
+    """Whether value is a scipy.sparse matrix; answered without importing scipy, which takes longer than a solve."""
+    sparse = sys.modules.get("scipy.sparse")
+    return sparse is not None and bool(sparse.issparse(value))
+
+
+def numbers(field: str, value: Any, ndim: int) -> Array:
+    """value as a float64 array of ndim dimensions."""
+    try:
+        array = np.asarray(value)
+    except (ValueError, TypeError) as error:
+        raise InvalidInputError(f"{field}: is not a rectangular array of numbers ({error})") from None
+    # An empty list has no type of its own; numpy calls it float64.
+    if array.dtype.kind not in "iuf":
+        raise InvalidInputError(f"{field}: has entries of type {array.dtype}, must be real numbers")
+    if array.ndim != ndim:
+        raise InvalidInputError(f"{field}: has shape {array.shape}, must have {ndim} dimension{'s' * (ndim > 1)}")
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+def vector(field: str, value: Any, size: int | None = None) -> Array:
+    array = numbers(field, value, 1)
+    if size is not None and array.size != size:
+        raise InvalidInputError(f"{field}: has {array.size} entries, must have {size}")
+    return array
+
+
+def matrix(field: str, value: Any) -> Array:
+    """value as a column-major float64 matrix."""
+    return np.asfortranarray(numbers(field, value, 2))
+
+
+def csc(field: str, value: Any) -> sp.csc_array:
+    """value, dense or sparse, as a float64 CSC matrix with sorted indices and without duplicates."""
+    import scipy.sparse as sp
+
+    if not sp.issparse(value):
+        return sp.csc_array(matrix(field, value))
+    if value.ndim != 2:
+        raise InvalidInputError(f"{field}: has shape {value.shape}, must have 2 dimensions")
+    if value.dtype.kind not in "iuf":
+        raise InvalidInputError(f"{field}: has entries of type {value.dtype}, must be real numbers")
+    try:
+        # Before any conversion: converting a damaged matrix reads out of bounds.
+        if hasattr(value, "check_format"):
+            value.check_format(full_check=True)
+        result = sp.csc_array(value, dtype=np.float64)
+    except (ValueError, IndexError) as error:
+        raise InvalidInputError(f"{field}: is a damaged sparse matrix ({error})") from None
+    if not result.has_canonical_format:
+        result = result.copy() if result is value or np.shares_memory(result.data, value.data) else result
+        result.sum_duplicates()
+    if result.nnz > np.iinfo(np.int32).max:
+        raise InvalidInputError(f"{field}: has {result.nnz} entries, must have less than 2^31")
+    return result
+
+
+def csc_arrays(value: sp.csc_array) -> CscArrays:
+    rows, cols = value.shape
+    return CscArrays(
+        rows,
+        cols,
+        np.ascontiguousarray(value.data),
+        np.ascontiguousarray(value.indices, dtype=np.int32),
+        np.ascontiguousarray(value.indptr, dtype=np.int32),
+    )
+
+
+def number(field: str, value: Any) -> float:
+    """value as a float. bool is refused: it is never meant."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise InvalidInputError(f"{field}: is {value!r}, must be a number")
+    try:
+        return float(value)
+    except OverflowError:
+        raise InvalidInputError(f"{field}: is {value!r}, must be a finite number") from None
+
+
+def count(field: str, value: Any, lowest: int) -> int:
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
+        raise InvalidInputError(f"{field}: is {value!r}, must be an integer of at least {lowest}")
+    if not lowest <= value <= np.iinfo(np.int32).max:
+        raise InvalidInputError(f"{field}: is {value}, must be in [{lowest}, {np.iinfo(np.int32).max}]")
+    return int(value)

@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from signorini import _core
+
+HISTORY_TYPE = np.dtype(
+    [("iteration", np.int64), ("factorizations", np.int64)]
+    + [
+        (name, np.float64)
+        for name in ("penalty", "primal", "dual", "complementarity", "relative", "signorini", "dissipation")
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Residual:
+    """The certificate: how far an impulse is from solving a problem. NaN as soon as anything is.
+
+    primal: distance of the impulse from K [N s]
+    dual: distance of the corrected velocity from the dual cone [m/s]
+    complementarity: |impulse . corrected velocity| [J]
+    relative: the number that judges, free of units and scale (docs/theory)
+    signorini: approach speed [m/s] or pull [N s] left over, friction cones only
+    dissipation: defect of maximum dissipation [J], friction cones only
+
+    Each is the maximum over the constraints.
+    """
+
+    primal: float
+    dual: float
+    complementarity: float
+    relative: float
+    signorini: float
+    dissipation: float
+
+    def to_dict(self) -> dict[str, float]:
+        return asdict(self)
+
+    @classmethod
+    def _from_core(cls, r: _core.Residual) -> Residual:
+        return cls(r.primal, r.dual, r.complementarity, r.relative, r.signorini, r.dissipation)
+
+
+def _no_history() -> npt.NDArray[np.void]:
+    return np.zeros(0, HISTORY_TYPE)
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Solution:
+    """What a solver returns; complete also when it failed.
+
+    status: "solved" (the certificate is within the tolerance; said of nothing else), "max iterations", "stalled" (the
+        impulse is then the best seen) or "invalid" (no finite impulse was found, it is zero)
+    solver: the method that produced the answer
+    impulse: [N s], (n,)
+    velocity: s = (G + R) impulse + g [m/s], (n,), without the De Saxce correction
+    residual: the certificate of `impulse`
+    iterations, factorizations: counts
+    seconds: wall time of the solve
+    penalty: ADMM's last rho, for a warm start; 0 for other methods
+    history: structured array, one record an iteration, if asked for: iteration, factorizations, penalty and the fields
+        of Residual
+    """
+
+    status: str
+    solver: str
+    impulse: npt.NDArray[np.float64]
+    velocity: npt.NDArray[np.float64]
+    residual: Residual
+    iterations: int = 0
+    factorizations: int = 0
+    seconds: float = 0.0
+    penalty: float = 0.0
+    history: npt.NDArray[np.void] = field(default_factory=_no_history)
+
+    @property
+    def solved(self) -> bool:
+        return self.status == "solved"
+
+    def __repr__(self) -> str:
+        return (
+            f"Solution({self.status}, solver={self.solver}, relative={self.residual.relative:.1e}, "
+            f"iterations={self.iterations}, factorizations={self.factorizations}, seconds={self.seconds:.2g})"
+        )
+
+    @classmethod
+    def _from_core(cls, s: _core.Solution) -> Solution:
+        rows = s.history
+        history = np.zeros(len(rows), HISTORY_TYPE)
+        for i, name in enumerate(HISTORY_TYPE.names or ()):
+            history[name] = rows[:, i]
+        return cls(
+            status=s.status.name,
+            solver=s.solver.name,
+            impulse=s.impulse,
+            velocity=s.velocity,
+            residual=Residual._from_core(s.residual),
+            iterations=s.iterations,
+            factorizations=s.factorizations,
+            seconds=s.seconds,
+            penalty=s.penalty,
+            history=history,
+        )

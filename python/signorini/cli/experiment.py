@@ -1,0 +1,180 @@
+"""signorini experiment: the paper's figures and tables, and our benchmarks."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+# One thread for every library underneath: times are compared. Set before any of them starts.
+for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
+import typer  # noqa: E402
+from rich.console import Console  # noqa: E402
+from rich.markup import escape  # noqa: E402
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: E402
+from rich.table import Table  # noqa: E402
+
+from signorini.experiments import DataMissingError, Options, Report, _plots  # noqa: E402
+
+app = typer.Typer(help="Run an experiment: a JSON of its numbers, a plot, and a verdict a claim.", no_args_is_help=True)
+
+Output = Annotated[Path, typer.Option(help="Folder for the results; made when missing.", file_okay=False)]
+Data = Annotated[
+    Path | None,
+    typer.Option(help="Folder of problem files, a folder a family. Default: SIGNORINI_DATA, else ../shared/data/..."),
+]
+Quick = Annotated[bool, typer.Option("--quick", help="A sample, to see that all works.")]
+Peers = Annotated[bool, typer.Option("--peers/--no-peers", help="Run other people's solvers where installed.")]
+Every = Annotated[int | None, typer.Option(min=1, help="Take every so many problems of a family.")]
+Fresh = Annotated[bool, typer.Option("--fresh", help="Measure again what an earlier run into DIR has measured.")]
+Family = Annotated[list[str] | None, typer.Option(help="Only this family; may be given several times.")]
+
+
+def _run(experiment: Callable[[Options], Report], options: Options) -> None:
+    console = Console()
+    errors = Console(stderr=True)
+    options.output.mkdir(parents=True, exist_ok=True)
+    with Progress(
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}", markup=False),
+        console=errors,
+        transient=True,
+    ) as progress:
+        task = progress.add_task("", total=None)
+        options.progress = lambda done, total, what: progress.update(
+            task, completed=done, total=total, description=what
+        )
+        try:
+            report = experiment(options)
+        except (DataMissingError, ValueError) as error:
+            progress.stop()
+            errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+            raise typer.Exit(2) from None
+    _show(console, report)
+
+
+def _show(console: Console, report: Report) -> None:
+    wide = console if console.is_terminal else Console(width=200)
+    for title, (columns, rows) in report.tables.items():
+        table = Table(title=escape(title), title_justify="left")
+        for k, column in enumerate(columns):
+            table.add_column(column, justify="left" if k == 0 else "right", no_wrap=True)
+        for row in rows:
+            table.add_row(*(escape(cell) for cell in row))
+        wide.print(table)
+    for verdict in report.verdicts:
+        style = {True: "green", False: "red", None: ""}[verdict.met]
+        console.print(str(verdict), style=style, markup=False, highlight=False, soft_wrap=True)
+    for note in report.notes:
+        console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
+    if not _plots.available():
+        console.print("note: no plot, matplotlib is missing: pip install signorini[plots]", markup=False)
+    for file in report.files:
+        console.print(f"wrote {file}", markup=False, highlight=False, soft_wrap=True)
+
+
+@app.command()
+def profiles(
+    output: Output,
+    data: Data = None,
+    quick: Quick = False,
+    with_peers: Peers = True,
+    every: Every = None,
+    fresh: Fresh = False,
+    family: Family = None,
+) -> None:
+    """Fig. 7 and Table II: performance profiles of ours, the paper's ADMM, PGS and the peers at 1e-6."""
+    from signorini.experiments import profiles as experiment
+
+    _run(experiment.run, _options(output, data, quick, every, fresh, family, with_peers))
+
+
+@app.command()
+def updates(
+    output: Output,
+    data: Data = None,
+    quick: Quick = False,
+    every: Every = None,
+    fresh: Fresh = False,
+    family: Family = None,
+) -> None:
+    """Tables III and IV: Cholesky updates and times of the linear and spectral rules."""
+    from signorini.experiments import updates as experiment
+
+    _run(experiment.run, _options(output, data, quick, every, fresh, family))
+
+
+@app.command()
+def convergence(output: Output, quick: Quick = False) -> None:
+    """Fig. 4, the cubes' half: residuals by iteration, down to 1e-9."""
+    from signorini.experiments import convergence as experiment
+
+    _run(experiment.run, _options(output, None, quick, None, False, None))
+
+
+@app.command()
+def robustness(
+    output: Output,
+    data: Data = None,
+    quick: Quick = False,
+    every: Every = None,
+    fresh: Fresh = False,
+    family: Family = None,
+    stress: Annotated[list[str] | None, typer.Option(help="Only this stress; may be given several times.")] = None,
+    solver: Annotated[str, typer.Option(help="The method.")] = "auto",
+    workers: Annotated[int, typer.Option(min=1, help="Processes; with several, times are not to be quoted.")] = 1,
+) -> None:
+    """All problems as they are and with other masses, compliance and friction, to a relative 1e-8."""
+    from signorini.experiments import robustness as experiment
+
+    options = _options(output, data, quick, every, fresh, family)
+    options.workers = workers
+    _run(lambda given: experiment.run(given, tuple(stress or ()), solver), options)
+
+
+@app.command()
+def peers(
+    output: Output,
+    data: Data = None,
+    quick: Quick = False,
+    every: Every = None,
+    fresh: Fresh = False,
+    family: Family = None,
+) -> None:
+    """Ours against Pinocchio's ADMM and the best of Siconos', in turns on one core."""
+    from signorini.experiments import peers as experiment
+
+    _run(experiment.run, _options(output, data, quick, every, fresh, family))
+
+
+@app.command()
+def scaling(output: Output, quick: Quick = False, fresh: Fresh = False) -> None:
+    """Heaps of 100 to 10 000 contacts: time, memory and their growth."""
+    from signorini.experiments import scaling as experiment
+
+    _run(experiment.run, _options(output, None, quick, None, fresh, None))
+
+
+def _options(
+    output: Path,
+    data: Path | None,
+    quick: bool,
+    every: int | None,
+    fresh: bool,
+    family: list[str] | None,
+    with_peers: bool = True,
+) -> Options:
+    return Options(
+        output=output,
+        data=data,
+        quick=quick,
+        every=every,
+        with_peers=with_peers,
+        fresh=fresh,
+        families=tuple(family or ()),
+    )

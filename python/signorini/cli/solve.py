@@ -1,0 +1,183 @@
+"""signorini solve: problem files in, a table or JSON of certificates out."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+import signorini
+
+Result = dict[str, Any]
+
+
+class Solver(str, Enum):
+    AUTO = "auto"
+    ADMM = "admm"
+    PGS = "pgs"
+    INTERIOR_POINT = "interior-point"
+    NEWTON = "newton"
+
+
+class Law(str, Enum):
+    NCP = "ncp"
+    CCP = "ccp"
+
+
+class PenaltyRule(str, Enum):
+    SPECTRAL = "spectral"
+    LINEAR = "linear"
+    RESIDUAL_BALANCING = "residual-balancing"
+    CONSTANT = "constant"
+
+
+class Operator(str, Enum):
+    DELASSUS = "delassus"
+    MASS = "mass"
+
+
+def solve(
+    files: Annotated[list[Path], typer.Argument(metavar="FILES...", help="FCLIB files, or folders of them (*.hdf5).")],
+    solver: Annotated[Solver, typer.Option(help="The method; auto chooses.")] = Solver.AUTO,
+    law: Annotated[Law, typer.Option(help="Signorini and Coulomb (ncp), or its convex relaxation (ccp).")] = Law.NCP,
+    tolerance: Annotated[float, typer.Option(help="On the relative residual of the certificate, in (0, 1).")] = 1e-6,
+    max_iterations: Annotated[int | None, typer.Option(help="At least 1; default: the solver's own.")] = None,
+    penalty_rule: Annotated[PenaltyRule, typer.Option(help="How ADMM moves rho.")] = PenaltyRule.RESIDUAL_BALANCING,
+    operator: Annotated[
+        Operator | None, typer.Option(help="Explicit matrix or mass matrix; default: what the file holds.")
+    ] = None,
+    json_file: Annotated[
+        str | None, typer.Option("--json", metavar="FILE|-", help="Write JSON to FILE, or to standard output.")
+    ] = None,
+) -> None:
+    """Solve contact problems and certify the answers.
+
+    Exit status: 0 when all are solved, 1 when one is not, 2 on bad input.
+    """
+    errors = Console(stderr=True)
+    options: dict[str, Any] = {
+        "solver": solver.value,
+        "law": law.value,
+        "tolerance": tolerance,
+        "max_iterations": max_iterations,
+        "penalty_rule": penalty_rule.value,
+    }
+    try:  # a bad option is one error, not one a file
+        signorini.solve(signorini.ContactProblem(np.zeros((0, 0)), [], []), **options)
+    except signorini.InvalidInputError as error:
+        _report(errors, error)
+        raise typer.Exit(2) from None
+    paths, bad_input = _expand(files, errors)
+    results: list[Result] = []
+    with Progress(
+        TextColumn("solving"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}", markup=False),
+        console=errors,
+        transient=True,
+    ) as progress:
+        task = progress.add_task("", total=len(paths))
+        for path in paths:
+            progress.update(task, description=path.stem)
+            try:
+                problem = signorini.fclib.read(path, operator.value if operator else None)
+                results.append(_result(problem, signorini.solve(problem, **options)))
+            except (signorini.InvalidInputError, OSError) as error:
+                bad_input = True
+                _report(errors, error)
+            progress.advance(task)
+
+    if json_file is not None:
+        bad_input |= not _write_json(json_file, results, errors)
+    if json_file != "-" and results:
+        _print_table(results)
+    if bad_input:
+        raise typer.Exit(2)
+    raise typer.Exit(0 if all(result["status"] == "solved" for result in results) else 1)
+
+
+def _report(errors: Console, error: Any) -> None:
+    errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+
+
+def _expand(files: list[Path], errors: Console) -> tuple[list[Path], bool]:
+    paths, bad = [], False
+    for file in files:
+        found = sorted(file.glob("*.hdf5")) if file.is_dir() else [file]
+        if not found:
+            _report(errors, f"{file}: holds no *.hdf5 files")
+            bad = True
+        paths += found
+    return paths, bad
+
+
+def _print_table(results: list[Result]) -> None:
+    table = Table(title="certificates")
+    table.add_column("problem")
+    table.add_column("solver")
+    table.add_column("status")
+    for column in ("contacts", "iterations", "factorizations", "ms", "primal", "dual", "complem.", "relative"):
+        table.add_column(column, justify="right")
+    solved = 0
+    for result in results:
+        status = result["status"]
+        solved += status == "solved"
+        table.add_row(
+            escape(result["name"]),
+            result["solver"],
+            status if status == "solved" else f"[red]{status}[/red]",
+            str(result["num_contacts"]),
+            str(result["iterations"]),
+            str(result["factorizations"]),
+            f"{1e3 * result['seconds']:.2f}",
+            *("nan" if value is None else f"{value:.1e}" for value in result["residual"].values()),
+        )
+    # Into a file or a pipe: as wide as the table needs, nothing cut off.
+    console = Console() if sys.stdout.isatty() else Console(width=200)
+    console.print(table)
+    console.print(f"{solved} of {len(results)} solved", highlight=False)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None  # JSON knows neither NaN nor infinity
+
+
+def _result(problem: signorini.ContactProblem, solution: signorini.Solution) -> Result:
+    residual = solution.residual.to_dict()
+    return {
+        "name": problem.name,
+        "num_contacts": problem.num_contacts,
+        "solver": solution.solver,
+        "status": solution.status,
+        "iterations": solution.iterations,
+        "factorizations": solution.factorizations,
+        "seconds": solution.seconds,
+        "residual": {key: _finite(residual[key]) for key in ("primal", "dual", "complementarity", "relative")},
+        "asymmetry": _finite(problem.asymmetry),
+    }
+
+
+def _write_json(target: str, results: list[Result], errors: Console) -> bool:
+    content = {"version": signorini.__version__, "results": results}
+    text = json.dumps(content, indent=2, allow_nan=False) + "\n"
+    if target == "-":
+        sys.stdout.write(text)
+        return True
+    try:
+        Path(target).write_text(text)
+    except OSError as error:
+        _report(errors, error)
+        return False
+    return True

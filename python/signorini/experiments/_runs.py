@@ -1,0 +1,95 @@
+"""Solvers under one shape, run in turns on one core, each with its certificate beside its time."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import signorini
+from signorini import peers
+
+PAPER_SETTINGS: dict[str, Any] = {
+    "penalty_rule": "spectral",
+    "spectral_increment": 0.05,
+    "scaling": False,
+    "anderson_memory": 0,
+}
+REPEATS = 3
+_LONG = 0.5  # s; what takes longer is not repeated
+
+
+@dataclass(frozen=True)
+class Runner:
+    """A solver with its settings: run(problem) -> anything with status, residual, iterations, seconds."""
+
+    name: str
+    run: Callable[[signorini.ContactProblem], Any]
+
+
+def ours(name: str, solver: str = "auto", tolerance: float = 1e-6, **settings: Any) -> Runner:
+    """signorini.solve with these settings."""
+
+    def run(problem: signorini.ContactProblem) -> signorini.Solution:
+        return signorini.solve(problem, solver, tolerance=tolerance, **settings)  # type: ignore[arg-type]
+
+    return Runner(name, run)
+
+
+def peer(entry: peers.Peer, tolerance: float, **settings: Any) -> Runner:
+    """A peer at this tolerance."""
+
+    def run(problem: signorini.ContactProblem) -> peers.PeerSolution:
+        return entry.solve(problem, tolerance=tolerance, **settings)
+
+    return Runner(entry.name, run)
+
+
+def measure(problem: signorini.ContactProblem, runners: Sequence[Runner], repeats: int = REPEATS) -> dict[str, Any]:
+    """Every runner on one problem, in turns, `repeats` times when it is quick: the median time and its spread, and the
+    certificate of the first answer."""
+    out: dict[str, dict[str, Any]] = {}
+    times: dict[str, list[float]] = {runner.name: [] for runner in runners}
+    for turn in range(repeats):
+        first = turn % len(runners)  # each turn begins with another: nobody always comes after the same cold caches
+        for runner in (*runners[first:], *runners[:first]):
+            if turn and times[runner.name][0] > _LONG:
+                continue
+            solution = runner.run(problem)
+            times[runner.name].append(float(solution.seconds))
+            if turn == 0:
+                out[runner.name] = record(solution)
+    for name, seconds in times.items():
+        out[name]["seconds"] = statistics.median(seconds)
+        out[name]["seconds_spread"] = max(seconds) - min(seconds)
+        out[name]["repeats"] = len(seconds)
+    return out
+
+
+def record(solution: Any) -> dict[str, Any]:
+    """The numbers of one answer."""
+    residual = solution.residual
+    return {
+        "status": str(solution.status),
+        "relative": float(residual.relative),
+        "primal": float(residual.primal),
+        "dual": float(residual.dual),
+        "complementarity": float(residual.complementarity),
+        "iterations": int(solution.iterations),
+        "factorizations": None if solution.factorizations is None else int(solution.factorizations),
+        "seconds": float(solution.seconds),
+        "claimed": bool(getattr(solution, "claimed", solution.status == "solved")),
+        "method": str(getattr(solution, "solver", getattr(solution, "peer", ""))),
+    }
+
+
+def solves(run: dict[str, Any], tolerance: float) -> bool:
+    """True when the relative certificate holds."""
+    relative = run["relative"]
+    return relative is not None and relative <= tolerance
+
+
+def solves_absolutely(run: dict[str, Any], tolerance: float) -> bool:
+    """True when the three residuals in SI units hold, the paper's test (43) asked of the true problem."""
+    return all(run[key] is not None and run[key] <= tolerance for key in ("primal", "dual", "complementarity"))

@@ -1,0 +1,163 @@
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from reference import planted_problem
+from typer.testing import CliRunner
+
+import signorini
+from signorini import ContactProblem, fclib
+from signorini.cli.main import app
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for seed in (0, 1):
+        mass, j, g, mu, _ = planted_problem(seed)
+        fclib.write(tmp_path / f"planted-{seed}.hdf5", ContactProblem.from_mass(mass, j, g, mu))
+    return tmp_path
+
+
+def no_constants(name):
+    raise AssertionError(f"{name} is not JSON")
+
+
+def load(text):
+    return json.loads(text, parse_constant=no_constants)
+
+
+def test_version():
+    result = run("--version")
+    assert result.exit_code == 0
+    assert result.output.strip() == f"signorini {signorini.__version__}"
+
+
+def test_as_a_program(folder):
+    command = [sys.executable, "-c", "from signorini.cli.main import main; main()", "solve", str(folder), "--json", "-"]
+    result = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert len(load(result.stdout)["results"]) == 2  # nothing but JSON on standard output
+
+
+def test_table(folder):
+    result = run("solve", folder / "planted-0.hdf5", folder / "planted-1.hdf5")
+    assert result.exit_code == 0
+    for word in ("planted-0", "planted-1", "solved", "relative", "2 of 2 solved"):
+        assert word in result.stdout
+
+
+@pytest.mark.parametrize("solver", ["auto", "admm", "pgs", "interior-point"])
+def test_json_holds_the_certificate(folder, solver):
+    result = run("solve", folder, "--solver", solver, "--tolerance", "1e-7", "--json", "-")
+    assert result.exit_code == 0, result.output
+    content = load(result.stdout)
+    assert set(content) == {"version", "results"}
+    assert content["version"] == signorini.__version__
+    assert [r["name"] for r in content["results"]] == ["planted-0", "planted-1"]
+    for r in content["results"]:
+        fields = "name num_contacts solver status iterations factorizations seconds residual asymmetry"
+        assert set(r) == set(fields.split())
+        assert set(r["residual"]) == {"primal", "dual", "complementarity", "relative"}
+        assert r["status"] == "solved"
+        assert r["num_contacts"] == 5
+        problem = fclib.read(folder / f"{r['name']}.hdf5")
+        same = signorini.solve(problem, solver, tolerance=1e-7)
+        assert r["residual"]["relative"] == same.residual.relative <= 1e-7
+        assert r["iterations"] == same.iterations
+
+
+def test_json_file_comes_with_the_table(folder, tmp_path):
+    target = tmp_path / "out" / "results.json"
+    target.parent.mkdir()
+    result = run("solve", folder, "--json", target)
+    assert result.exit_code == 0
+    assert "2 of 2 solved" in result.stdout
+    assert len(load(target.read_text())["results"]) == 2
+
+
+def test_options_reach_the_solver(folder):
+    file = folder / "planted-0.hdf5"
+
+    def relative(*options):
+        return load(run("solve", file, "--json", "-", *options).stdout)["results"][0]
+
+    assert relative("--max-iterations", 2, "--solver", "pgs")["iterations"] == 2
+    assert relative("--operator", "mass")["status"] == "solved"
+    problem = fclib.read(file)
+    ccp = signorini.solve(problem, "interior-point", "ccp")
+    assert relative("--law", "ccp", "--solver", "interior-point")["residual"]["relative"] == ccp.residual.relative
+    linear = signorini.solve(problem, "admm", penalty_rule="linear")
+    assert relative("--solver", "admm", "--penalty-rule", "linear")["iterations"] == linear.iterations
+
+
+def test_unsolved_is_exit_status_1(folder):
+    result = run("solve", folder, "--solver", "pgs", "--max-iterations", 1, "--tolerance", "1e-12")
+    assert result.exit_code == 1
+    assert "max iterations" in result.stdout
+    assert "0 of 2 solved" in result.stdout
+
+
+def test_bad_file_is_exit_status_2_and_the_others_are_solved(folder):
+    (folder / "bad.hdf5").write_text("version https://git-lfs.github.com/spec/v1\n")
+    result = run("solve", folder, "--json", "-")
+    assert result.exit_code == 2
+    assert "bad.hdf5" in result.stderr
+    assert "git-lfs" in result.stderr
+    assert [r["status"] for r in load(result.stdout)["results"]] == ["solved", "solved"]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--tolerance", "3"],
+        ["--tolerance", "nan"],
+        ["--tolerance", "small"],
+        ["--max-iterations", "0"],
+        ["--solver", "lemke"],
+        ["--law", "lcp"],
+        ["--penalty-rule", "magic"],
+        ["--operator", "sparse"],
+        ["--unknown"],
+    ],
+)
+def test_bad_option_is_exit_status_2(folder, options):
+    result = run("solve", folder, *options)
+    assert result.exit_code == 2
+    assert options[0].strip("-").replace("-", "_") in result.stderr.replace("-", "_")
+    assert result.stdout == ""
+
+
+def test_missing_file_empty_folder_and_no_argument(tmp_path):
+    assert run("solve", tmp_path / "none.hdf5").exit_code == 2
+    assert run("solve", tmp_path).exit_code == 2
+    assert run("solve").exit_code == 2
+
+
+def test_json_target_that_cannot_be_written(folder):
+    result = run("solve", folder, "--json", folder / "no" / "such" / "folder.json")
+    assert result.exit_code == 2
+    assert "folder.json" in result.stderr
+
+
+def test_numbers_that_are_not_finite_become_null(folder, monkeypatch):
+    from dataclasses import replace
+
+    real = signorini.solve
+
+    def not_finite(*arguments, **options):
+        s = real(*arguments, **options)
+        nothing = replace(s.residual, primal=np.nan, dual=np.inf, complementarity=-np.inf, relative=np.nan)
+        return replace(s, status="invalid", residual=nothing)
+
+    monkeypatch.setattr(signorini, "solve", not_finite)
+    result = run("solve", folder, "--json", "-")
+    assert result.exit_code == 1
+    assert load(result.stdout)["results"][0]["residual"]["relative"] is None
+    table = run("solve", folder)
+    assert table.exit_code == 1
+    assert "nan" in table.stdout

@@ -1,0 +1,159 @@
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import signorini
+from signorini import fclib, scenes
+from signorini.cli.main import app
+from signorini.experiments import DataMissingError, Options, _plots, data_directory, profiles, robustness, scaling
+from signorini.experiments._data import problem_files
+from signorini.experiments._report import Report, RunLog, Verdict, summary
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Three small problems a family."""
+    data = tmp_path_factory.mktemp("data")
+    make = {
+        "boxes_stack": lambda k: scenes.cube_stack(k + 1, 10.0),
+        "capsules": lambda k: scenes.pile(10 + k, k),
+        "chain": lambda k: scenes.chain(5, k),
+    }
+    for family, made in make.items():
+        (data / family).mkdir()
+        for k in range(3):
+            fclib.write(data / family / f"{family}-{k}.hdf5", made(k))
+    return data
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["experiment", *(str(argument) for argument in arguments)])
+
+
+def load(path):
+    def no_constants(name):
+        raise AssertionError(f"{name} is not JSON")
+
+    return json.loads(path.read_text(), parse_constant=no_constants)
+
+
+@pytest.mark.parametrize("name", ["profiles", "updates", "robustness", "peers"])
+def test_an_experiment_writes_its_numbers(folder, tmp_path, name):
+    output = tmp_path / "deep" / name
+    without = ["--no-peers"] if name == "profiles" else []
+    result = run(name, "--output", output, "--data", folder, *without)
+    assert result.exit_code == 0, result.output
+    content = load(output / f"{name}.json")
+    assert content["environment"]["signorini"] == signorini.__version__
+    assert content["environment"]["build"]
+    assert content["verdicts"]
+    for verdict in content["verdicts"]:
+        assert verdict["claim"] in result.output
+    assert (output / f"{name}.png").exists() == _plots.available()
+
+
+def test_convergence(tmp_path):
+    result = run("convergence", "--output", tmp_path, "--quick")
+    assert result.exit_code == 0, result.output
+    content = load(tmp_path / "convergence.json")
+    for problem in content["problems"].values():
+        for curve in problem["methods"].values():
+            assert len(curve["dual"]) == len(curve["complementarity"]) == len(curve["iteration"])
+            if curve["iterations_to_target"] is not None and curve["dual"]:
+                assert max(curve["dual"][-1], curve["complementarity"][-1]) <= content["target"]
+
+
+def test_scaling(tmp_path, monkeypatch):
+    monkeypatch.setattr(scaling, "QUICK_SIZES", (20, 40))
+    report = scaling.run(Options(tmp_path, quick=True))
+    for shape in report.numbers["shapes"].values():
+        assert [point["contacts"] for point in shape["points"]] == [20, 40]
+        assert all(0.0 < point["peak_gib"] < 2.0 for point in shape["points"])
+
+
+def test_profiles_are_distributions(folder, tmp_path):
+    report = profiles.run(Options(tmp_path, folder, with_peers=False))
+    for family in report.numbers["families"].values():
+        fastest = 0.0
+        for solver in family["solvers"].values():
+            tau, share = solver["profile"]["tau"], solver["profile"]["share"]
+            assert tau == sorted(tau)
+            assert all(value >= 1.0 for value in tau)
+            assert share == sorted(share)
+            assert (share[-1] if share else 0.0) == pytest.approx(solver["share_solved"])
+            assert solver["share_relative"] <= solver["share_solved"]
+            fastest += solver["share_fastest"]
+        assert fastest >= 1.0 - 1e-12  # some solver is the fastest of each problem
+
+
+def test_an_interrupted_run_goes_on(folder, tmp_path, monkeypatch):
+    robustness.run(Options(tmp_path, folder), ("as is",))
+    first = load(tmp_path / "robustness.json")
+    log = tmp_path / "robustness.runs.jsonl"
+    lines = log.read_text().splitlines()
+    assert len(lines) == 1 + 9
+    log.write_text("\n".join(lines[:-1]) + "\n" + lines[-1][:20])  # cut off while it was writing
+    counted = []
+    solve = signorini.solve
+    monkeypatch.setattr(signorini, "solve", lambda *args, **named: counted.append(1) or solve(*args, **named))
+    robustness.run(Options(tmp_path, folder), ("as is",))
+    assert 1 <= len(counted) <= 3  # the one that was cut off, its time measured up to three times
+    assert load(tmp_path / "robustness.json")["stresses"].keys() == first["stresses"].keys()
+    counted.clear()
+    robustness.run(Options(tmp_path, folder, fresh=True), ("as is",))
+    assert len(counted) >= 9
+
+
+def test_robustness_in_processes_says_so(folder, tmp_path):
+    report = robustness.run(Options(tmp_path, folder, workers=2, families=("chain",)), ("as is", "friction 0"))
+    assert set(report.numbers["stresses"]) == {"as is", "friction 0"}
+    assert set(report.numbers["stresses"]["as is"]) == {"chain"}
+    assert any("not to be quoted" in note for note in report.notes)
+
+
+def test_missing_data_is_said(tmp_path, folder, monkeypatch):
+    absent = tmp_path / "absent"
+    result = run("profiles", "--output", tmp_path, "--data", absent, "--no-peers")
+    assert result.exit_code == 2
+    assert str(absent) in result.stderr.replace("\n", "")
+    monkeypatch.setenv("SIGNORINI_DATA", str(absent))
+    with pytest.raises(DataMissingError, match="SIGNORINI_DATA"):
+        data_directory()
+    monkeypatch.setenv("SIGNORINI_DATA", str(folder))
+    assert data_directory() == folder
+    with pytest.raises(DataMissingError, match="rovers"):
+        problem_files(folder, ["rovers"])
+
+
+def test_bad_names_are_said(folder, tmp_path):
+    result = run("robustness", "--output", tmp_path, "--data", folder, "--stress", "gravity")
+    assert result.exit_code == 2
+    assert "gravity" in result.stderr
+    result = run("robustness", "--output", tmp_path, "--data", folder, "--solver", "magic")
+    assert result.exit_code == 2
+    assert "magic" in result.stderr
+
+
+def test_every(folder):
+    assert [len(paths) for paths in problem_files(folder, ["chain", "capsules"], 2, ("capsules",)).values()] == [2, 3]
+
+
+def test_run_log_starts_anew_with_another_setting(tmp_path):
+    path = tmp_path / "runs.jsonl"
+    log = RunLog(path, {"build": "a"})
+    log.add("x", {"value": np.float64(np.nan), "count": np.int64(3)})
+    assert RunLog(path, {"build": "a"}).items == {"x": {"key": "x", "value": None, "count": 3}}
+    assert "x" in RunLog(path, {"build": "a"})
+    assert "x" not in RunLog(path, {"build": "b"})
+
+
+def test_summary_and_verdict(tmp_path):
+    numbers = summary([1.0, 2.0, 3.0, float("nan"), float("inf")])
+    assert numbers["count"] == 3
+    assert numbers["mean"] == numbers["median"] == 2.0
+    assert summary([]) == {"count": 0}
+    assert str(Verdict("all solved", "3 of 4", "4 of 4", False)) == "[NOT MET] all solved: 3 of 4 (against 4 of 4)"
+    report = Report("some", {"value": float("inf")}, [])
+    assert load(report.write(Options(tmp_path), {}))["value"] is None

@@ -1,0 +1,285 @@
+import pickle
+import threading
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from reference import planted_problem, relative_residual
+
+import signorini
+from signorini import ContactProblem, Equality, FrictionCone, HalfLine, Interval, _core
+
+SOLVERS = ["auto", "admm", "pgs", "interior-point", "newton"]
+SURE = ["auto", "admm", "pgs", "interior-point"]  # on problems as easy as these, from nothing
+
+
+def block(push, mu=0.5, mass=2.0, weight=0.1962, direction=0.0):
+    """A block on the floor, pushed sideways [N s] for a step in which gravity gives it `weight` [N s] downwards."""
+    g = np.array([push * np.cos(direction), push * np.sin(direction), -weight]) / mass
+    return ContactProblem(np.eye(3) / mass, g, [mu])
+
+
+@pytest.mark.parametrize("solver", SURE)
+@pytest.mark.parametrize("direction", [0.0, 0.25 * np.pi, 2.0])
+def test_block_sticks_below_the_cone(solver, direction):
+    weight, mu = 0.1962, 0.5
+    push = 0.9 * mu * weight
+    s = signorini.solve(block(push, direction=direction), solver, tolerance=1e-9)
+    assert s.solved
+    np.testing.assert_allclose(s.velocity, 0.0, atol=1e-8)
+    np.testing.assert_allclose(
+        s.impulse, [-push * np.cos(direction), -push * np.sin(direction), weight], atol=1e-8 * weight
+    )
+
+
+@pytest.mark.parametrize("solver", SURE)
+@pytest.mark.parametrize("direction", [0.0, 0.25 * np.pi, 2.0])
+def test_block_slides_above_the_cone(solver, direction):
+    weight, mu, mass = 0.1962, 0.5, 2.0
+    push = 1.1 * mu * weight
+    s = signorini.solve(block(push, direction=direction), solver, tolerance=1e-9)
+    along = np.array([np.cos(direction), np.sin(direction)])
+    assert s.solved
+    np.testing.assert_allclose(s.velocity, np.append((push - mu * weight) / mass * along, 0.0), atol=1e-8)
+    np.testing.assert_allclose(s.impulse, np.append(-mu * weight * along, weight), atol=1e-8)
+
+
+@pytest.mark.parametrize("solver", SURE)
+def test_convex_law_lifts_a_sliding_block_and_the_nonconvex_one_does_not(solver):
+    mass, mu = 2.0, 0.5
+    problem = block(push=1.0, mu=mu, mass=mass)
+    ccp = signorini.solve(problem, solver, "ccp", tolerance=1e-9)
+    ncp = signorini.solve(problem, solver, "ncp", tolerance=1e-9)
+    assert ccp.solved
+    # On the cone's edge the CCP leaves velocity_N = mu |velocity_T|: the block takes off.
+    assert ccp.velocity[2] == pytest.approx(mu * np.linalg.norm(ccp.velocity[:2]), rel=1e-6)
+    assert ccp.velocity[2] > 0.1
+    assert abs(ncp.velocity[2]) < 1e-8
+
+
+@pytest.mark.parametrize("solver", SURE)
+def test_thrown_block_feels_nothing(solver):
+    s = signorini.solve(ContactProblem(np.eye(3), [1.0, 2.0, 3.0], [0.5]), solver, tolerance=1e-9)
+    assert s.solved
+    np.testing.assert_allclose(s.impulse, 0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("solver", SURE)
+def test_without_friction_only_the_normal_pushes(solver):
+    s = signorini.solve(ContactProblem(np.eye(3) / 2, [1.0, 0.0, -1.0], [0.0]), solver, tolerance=1e-9)
+    assert s.solved
+    np.testing.assert_allclose(s.impulse, [0.0, 0.0, 2.0], atol=1e-8)
+
+
+@pytest.mark.parametrize("solver", SURE)
+def test_compliance_shares_the_load(solver):
+    # (1/m + R) x = v: a soft floor gives way by R x.
+    s = signorini.solve(ContactProblem(np.eye(3), [0.0, 0.0, -1.0], [0.5], [0.0, 0.0, 3.0]), solver, tolerance=1e-9)
+    np.testing.assert_allclose(s.impulse, [0.0, 0.0, 0.25], atol=1e-8)
+
+
+@pytest.mark.parametrize("form", ["dense", "sparse", "mass"])
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("law", ["ncp", "ccp"])
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_called_solved_is_solved(seed, law, solver, form):
+    mass, j, g, mu, _ = planted_problem(seed)
+    delassus = j @ np.linalg.solve(mass, j.T)
+    if form == "mass":
+        problem = ContactProblem.from_mass(mass, j, g, mu)
+    else:
+        problem = ContactProblem(delassus if form == "dense" else sp.csr_array(delassus), g, mu)
+    tolerance = 1e-6
+    s = signorini.solve(problem, solver, law, tolerance)
+    residual = relative_residual(delassus, g, mu, s.impulse, law=law)
+    assert s.solved == (residual <= tolerance * (1 + 1e-6)), f"says {s}, is {residual}"
+    assert s.residual.relative == pytest.approx(residual, rel=1e-3, abs=1e-13)
+    np.testing.assert_allclose(s.velocity, delassus @ s.impulse + g, atol=1e-9)
+    if solver in SURE:
+        assert s.solved, s
+
+
+def test_forms_of_the_operator_give_the_same_velocity():
+    mass, j, g, mu, _ = planted_problem(7)
+    delassus = j @ np.linalg.solve(mass, j.T)
+    problems = [ContactProblem(delassus, g, mu), ContactProblem(sp.csc_array(delassus), g, mu)]
+    problems.append(ContactProblem.from_mass(mass, j, g, mu))
+    velocities = [signorini.solve(p, tolerance=1e-10).velocity for p in problems]
+    np.testing.assert_allclose(velocities[1], velocities[0], atol=1e-8)
+    np.testing.assert_allclose(velocities[2], velocities[0], atol=1e-8)
+
+
+@pytest.mark.parametrize("rule", ["spectral", "linear", "residual-balancing", "constant"])
+@pytest.mark.parametrize("scaling", [True, False])
+def test_every_penalty_rule(rule, scaling):
+    mass, j, g, mu, _ = planted_problem(5)
+    problem = ContactProblem.from_mass(mass, j, g, mu)
+    options = {"penalty_rule": rule, "scaling": scaling, "max_iterations": 20000}
+    s = signorini.solve(problem, "admm", penalty=1.0, **options)
+    assert s.solved, s
+    assert s.solver == "admm"
+    assert s.penalty > 0.0
+    if rule == "constant":
+        assert s.penalty == pytest.approx(1.0)
+
+
+def test_paper_settings():
+    mass, j, g, mu, _ = planted_problem(6)
+    problem = ContactProblem.from_mass(mass, j, g, mu)
+    paper = {"penalty_rule": "spectral", "scaling": False, "anderson_memory": 0, "paper_tolerance": 1e-9}
+    s = signorini.solve(problem, "admm", max_iterations=50000, **paper)
+    assert s.solved, s
+
+
+def test_all_kinds_of_constraints_at_once():
+    rng = np.random.default_rng(1)
+    a = rng.normal(size=(8, 12))
+    delassus, g = a @ a.T, rng.normal(size=8)
+    constraints = [FrictionCone(0.6), HalfLine(), Interval(-0.05, 0.05), Equality(), Equality(), HalfLine()]
+    s = signorini.solve(ContactProblem(delassus, g, constraints=constraints), tolerance=1e-9)
+    assert s.solved
+    x, v = s.impulse, delassus @ s.impulse + g
+    eps = 1e-7
+    assert np.hypot(x[0], x[1]) <= 0.6 * x[2] + eps
+    assert v[2] >= -eps
+    assert abs(x[2] * v[2]) <= eps
+    for i in (3, 7):
+        assert x[i] >= -eps
+        assert v[i] >= -eps
+        assert abs(x[i] * v[i]) <= eps
+    assert -0.05 - eps <= x[4] <= 0.05 + eps
+    assert abs(v[4]) <= eps or x[4] == pytest.approx(-0.05 * np.sign(v[4]), abs=eps)
+    np.testing.assert_allclose(v[5:7], 0.0, atol=eps)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_empty_problem_is_solved(solver):
+    s = signorini.solve(ContactProblem(np.zeros((0, 0)), [], []), solver)
+    assert s.solved
+    assert s.impulse.shape == s.velocity.shape == (0,)
+
+
+def test_a_contact_given_twice_is_solved():
+    j = np.vstack([np.eye(3), np.eye(3)])
+    problem = ContactProblem(j @ j.T, np.tile([1.0, 0.0, -1.0], 2), [0.5, 0.5])
+    s = signorini.solve(problem, tolerance=1e-8)
+    assert s.solved
+    np.testing.assert_allclose(j.T @ s.impulse, [-0.5, 0.0, 1.0], atol=1e-6)  # their sum is unique, they are not
+
+
+@pytest.mark.parametrize("factor", [1e-6, 1e-3, 1e3, 1e6])
+def test_units_do_not_matter(factor):
+    mass, j, g, mu, _ = planted_problem(8)
+    plain = signorini.solve(ContactProblem.from_mass(mass, j, g, mu), tolerance=1e-9)
+    scaled = signorini.solve(ContactProblem.from_mass(factor * mass, j, g, mu), tolerance=1e-9)
+    assert plain.solved
+    assert scaled.solved
+    np.testing.assert_allclose(scaled.velocity, plain.velocity, atol=1e-7)
+
+
+def test_guess_of_a_solution_is_accepted_at_once():
+    mass, j, g, mu, _ = planted_problem(9)
+    problem = ContactProblem.from_mass(mass, j, g, mu)
+    cold = signorini.solve(problem, tolerance=1e-8)
+    for guess in (cold, cold.impulse, list(cold.impulse)):
+        warm = signorini.solve(problem, tolerance=1e-7, guess=guess)
+        assert warm.solved
+        assert warm.factorizations == 0
+        np.testing.assert_array_equal(warm.impulse, cold.impulse)
+
+
+def test_out_of_iterations_is_a_status_with_the_best_impulse():
+    mass, j, g, mu, _ = planted_problem(10)
+    problem = ContactProblem.from_mass(mass, j, g, mu)
+    s = signorini.solve(problem, "pgs", tolerance=1e-12, max_iterations=3)
+    assert s.status == "max iterations"
+    assert not s.solved
+    assert s.iterations == 3
+    assert s.residual == signorini.residual(problem, s.impulse)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_history_ends_in_the_answer(solver):
+    mass, j, g, mu, _ = planted_problem(11)
+    problem = ContactProblem.from_mass(mass, j, g, mu)
+    s = signorini.solve(problem, solver, record_history=True)
+    assert len(s.history) >= 1
+    assert {"iteration", "factorizations", "penalty", "relative", "primal", "dual"} <= set(s.history.dtype.names)
+    assert (np.diff(s.history["factorizations"]) >= 0).all()
+    assert s.history["relative"].min() <= 10 * s.residual.relative
+    assert len(signorini.solve(problem, solver).history) == 0
+
+
+@pytest.mark.parametrize("solver", SURE)
+def test_same_input_same_bits_and_a_workspace_changes_nothing(solver):
+    workspace = signorini.Workspace()
+    for seed in (0, 1, 0):
+        mass, j, g, mu, _ = planted_problem(seed, num_contacts=4 + seed)
+        problem = ContactProblem.from_mass(mass, j, g, mu)
+        fresh = signorini.solve(problem, solver)
+        again = signorini.solve(problem, solver)
+        reused = signorini.solve(problem, solver, workspace=workspace)
+        np.testing.assert_array_equal(again.impulse, fresh.impulse)
+        np.testing.assert_array_equal(reused.impulse, fresh.impulse)
+        assert fresh.iterations == again.iterations == reused.iterations
+
+
+def test_gil_is_released():
+    mass, j, g, mu, _ = planted_problem(0, num_contacts=60, num_velocities=60)
+    problem = ContactProblem(j @ np.linalg.solve(mass, j.T), g, mu)
+    options = {"tolerance": 1e-15, "max_iterations": 3000}
+    thread = threading.Thread(target=lambda: signorini.solve(problem, "pgs", **options))
+    count = 0
+    thread.start()
+    while thread.is_alive():
+        count += 1
+    assert count > 1000  # with the GIL held this loop would stand still for the whole solve
+
+
+def test_threads_may_share_a_problem_and_even_a_workspace():
+    mass, j, g, mu, _ = planted_problem(3)
+    problem = ContactProblem.from_mass(mass, j, g, mu)
+    expected = signorini.solve(problem).impulse
+    workspace, impulses = signorini.Workspace(), []
+
+    def work():
+        for shared in (None, workspace) * 10:
+            impulses.append(signorini.solve(problem, workspace=shared).impulse)
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(impulses) == 80
+    for impulse in impulses:
+        np.testing.assert_array_equal(impulse, expected)
+
+
+def test_defaults_of_the_signature_are_those_of_the_core():
+    defaults, core = signorini.solve.__kwdefaults__, _core.Settings()
+    for field in (
+        "proximal_weight",
+        "spectral_exponent",
+        "spectral_increment",
+        "linear_factor",
+        "ratio",
+        "scaling",
+        "anderson_memory",
+    ):
+        assert defaults[field] == getattr(core.admm, field), field
+    assert defaults["penalty_rule"] == core.admm.penalty_rule.name
+    assert (core.admm.penalty, core.admm.paper_tolerance, core.max_iterations) == (0.0, 0.0, 0)
+    assert defaults["over_relaxation"] == core.pgs.over_relaxation
+    assert signorini.solve.__defaults__ == ("auto", "ncp", core.tolerance)
+    assert core.solver.name == "auto"
+
+
+def test_solution_prints_and_pickles():
+    s = signorini.solve(block(push=1.0))
+    text = repr(s)
+    assert text.startswith("Solution(solved, solver=")
+    assert f"iterations={s.iterations}" in text
+    copy = pickle.loads(pickle.dumps(s))
+    np.testing.assert_array_equal(copy.impulse, s.impulse)
+    assert copy.residual == s.residual
