@@ -1,0 +1,104 @@
+"""The include rule of docs/architecture.md."""
+
+import re
+from functools import lru_cache
+from pathlib import Path
+
+import pytest
+from conftest import REPOSITORY
+
+INCLUDE = re.compile(r'^\s*#\s*include\s+(?:<([^>]+)>|"([^"]+)")', re.MULTILINE)
+METHODS = {"admm", "auto", "interior_point", "newton", "pgs"}
+
+
+def own_files():
+    return sorted(p for folder in ("include", "src", "bindings") for p in (REPOSITORY / folder).rglob("*.[hc]pp"))
+
+
+def relative(path):
+    """From the repository's root, without include/signorini/ or src/: problem/residual.hpp."""
+    parts = path.relative_to(REPOSITORY).parts
+    skip = {"include": 2, "src": 1}.get(parts[0], 0)
+    return "/".join(parts[skip:])
+
+
+def level(path):
+    """Place in: types, errors < constraint_set, de_saxce < delassus/ < the rest of problem/ < solver/ < bindings/."""
+    name = relative(path)
+    if name in ("types.hpp", "errors.hpp"):
+        return 0
+    if Path(name).with_suffix("").as_posix() in ("problem/constraint_set", "problem/de_saxce"):
+        return 1
+    return {"delassus": 2, "problem": 3, "solver": 4, "bindings": 5}[name.split("/")[0]]
+
+
+@lru_cache(None)
+def includes(path):
+    """(includes in <>, our own files that are included)."""
+    angled, ours = [], []
+    for outside, inside in INCLUDE.findall(path.read_text()):
+        if outside:
+            assert not outside.startswith("signorini/"), f"{path}: our own headers are included in quotes"
+            angled.append(outside)
+            continue
+        candidates = [REPOSITORY / "include" / inside, path.parent / inside]
+        found = [c for c in candidates if c.is_file()]
+        assert found, f'{path}: "{inside}" is neither a public header nor beside it'
+        ours.append(found[0])
+    return tuple(angled), tuple(ours)
+
+
+def test_there_is_something_to_check():
+    names = {relative(path) for path in own_files()}
+    assert {"problem/residual.hpp", "delassus/block_lu.cpp", "solver/auto.cpp", "bindings/solver.cpp"} <= names
+    assert sum(len(includes(path)[1]) for path in own_files()) > 80
+
+
+@pytest.mark.parametrize("path", own_files(), ids=relative)
+def test_an_include_never_points_up_the_list(path):
+    for other in includes(path)[1]:
+        assert level(other) <= level(path), f"{relative(path)} includes {relative(other)}"
+
+
+@pytest.mark.parametrize("path", [p for p in own_files() if level(p) < 5], ids=relative)
+def test_the_library_needs_eigen_and_the_standard_library_only(path):
+    for header in includes(path)[0]:
+        standard = re.fullmatch(r"[a-z_0-9]+", header)
+        kernels = header == "immintrin.h" and path.name == "dense_kernels.cpp"
+        assert standard or kernels or header.startswith("Eigen/"), f"{relative(path)} includes <{header}>"
+
+
+def test_public_headers_include_public_headers():
+    for path in (REPOSITORY / "include").rglob("*.hpp"):
+        for other in includes(path)[1]:
+            assert other.is_relative_to(REPOSITORY / "include"), f"{relative(path)} includes {relative(other)}"
+
+
+def test_no_header_includes_itself_by_a_detour():
+    done = set()
+
+    def visit(path, trail):
+        assert path not in trail, " -> ".join(relative(p) for p in (*trail, path))
+        if path not in done:
+            for other in includes(path)[1]:
+                visit(other, (*trail, path))
+            done.add(path)
+
+    for path in own_files():
+        visit(path, ())
+
+
+def test_a_method_includes_no_other_method():
+    for path in own_files():
+        if level(path) == 4 and path.stem in METHODS - {"auto"}:
+            others = {other.stem for other in includes(path)[1]} & METHODS - {path.stem}
+            assert not others, f"{relative(path)} includes {others}"
+
+
+def test_kernels_are_free_of_inline_code_of_others():
+    # Compiled for AVX-512: an inline function of a header could be what the linker keeps for everybody.
+    path = REPOSITORY / "src" / "delassus" / "dense_kernels.cpp"
+    angled, ours = includes(path)
+    assert angled == ("immintrin.h",)
+    assert [relative(p) for p in ours] == ["delassus/dense_kernels.hpp"]
+    assert includes(ours[0]) == ((), ())
