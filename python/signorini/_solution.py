@@ -23,7 +23,7 @@ class Residual:
     primal: distance of the impulse from K [N s]
     dual: distance of the corrected velocity from the dual cone [m/s]
     complementarity: |impulse . corrected velocity| [J]
-    relative: the number that judges, free of units and scale (docs/theory)
+    relative: the number that judges, free of units and scale (docs/theory.md, T12)
     signorini: approach speed [m/s] or pull [N s] left over, friction cones only
     dissipation: defect of maximum dissipation [J], friction cones only
 

@@ -43,7 +43,7 @@ def solve(
     penalty_rule: PenaltyRuleName = "residual-balancing",
     penalty: float | None = None,
     proximal_weight: float = 1e-6,
-    spectral_exponent: float = 0.5,
+    spectral_exponent: float = 0.25,
     spectral_increment: float = 0.05,
     linear_factor: float = 2.0,
     ratio: float = 10.0,

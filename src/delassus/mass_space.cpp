@@ -1,7 +1,7 @@
 #include "signorini/delassus/mass_space.hpp"
 
+#include <Eigen/Cholesky>
 #include <Eigen/LU>
-#include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <cmath>
 #include <sstream>
@@ -15,7 +15,7 @@
 namespace signorini {
 namespace {
 
-/// With Js = S J and X' = X + Y S R S, the solution d of (X + Y A) d = r is (Woodbury)
+/// With Js = S J and X' = X + Y S R S, the solution d of (X + Y A) d = r is (Woodbury; docs/theory.md, T34)
 ///     N w = Js' X'^-1 r,   d = X'^-1 (r - Y Js w),   N = M + Js' X'^-1 Y Js.
 class MassSpaceSystem final : public ScaledDelassus {
  public:
@@ -327,31 +327,72 @@ MassSpaceDelassus::MassSpaceDelassus(const SparseMatrix& mass, const SparseMatri
   jacobian_.makeCompressed();
   if (mass_.rows() == 0) {
     inverse_mass_jacobian_.resize(0, jacobian_.rows());
+    delassus_.resize(jacobian_.rows(), jacobian_.rows());
     return;
   }
-  const Eigen::SimplicialLLT<SparseMatrix> cholesky(mass_);
-  if (cholesky.info() != Eigen::Success) throw InvalidInput("mass", "is not positive definite");
-  inverse_mass_jacobian_ = cholesky.solve(SparseMatrix(jacobian_.transpose()));
-  inverse_mass_jacobian_.prune(nonzero);
-}
-
-void MassSpaceDelassus::apply(const ConstVectorRef& x, VectorRef y) const {
-  y.noalias() = jacobian_ * (inverse_mass_jacobian_ * x);
-}
-
-void MassSpaceDelassus::diagonal(VectorRef diagonal) const {
-  const SparseMatrix transpose = jacobian_.transpose();
-  for (Index i = 0; i < size(); ++i) {
-    const double d = transpose.col(i).dot(inverse_mass_jacobian_.col(i));
-    diagonal[i] = d > 0.0 ? d : 0.0;
-  }
-}
-
-SparseMatrix MassSpaceDelassus::matrix() const {
+  invert_mass();
   const SparseMatrix g = jacobian_ * inverse_mass_jacobian_;
-  const SparseMatrix transpose = g.transpose();
-  return 0.5 * (g + transpose);
+  const SparseMatrix g_transpose = g.transpose();
+  delassus_ = 0.5 * (g + g_transpose);
+  delassus_.makeCompressed();
 }
+
+/// M^-1 J^T, one dense Cholesky per group of velocities that M ties together: a free body, a robot.
+void MassSpaceDelassus::invert_mass() {
+  const Index nv = num_velocities();
+  UnionFind tied(static_cast<std::size_t>(nv));
+  for (Index c = 0; c < nv; ++c)
+    for (SparseMatrix::InnerIterator it(mass_, c); it; ++it) tied.join(static_cast<int>(it.row()), static_cast<int>(c));
+  const std::vector<int> group_of = tied.labels();
+  std::vector<std::vector<int>> groups(
+      static_cast<std::size_t>(1 + *std::max_element(group_of.begin(), group_of.end())));
+  std::vector<int> position(static_cast<std::size_t>(nv));
+  for (int c = 0; c < nv; ++c) {
+    position[c] = static_cast<int>(groups[group_of[c]].size());
+    groups[group_of[c]].push_back(c);
+  }
+  std::vector<Eigen::LLT<Matrix>> cholesky(groups.size());
+  for (std::size_t k = 0; k < groups.size(); ++k) {
+    const auto size = static_cast<Index>(groups[k].size());
+    Matrix block = Matrix::Zero(size, size);
+    for (const int c : groups[k])
+      for (SparseMatrix::InnerIterator it(mass_, c); it; ++it) block(position[it.row()], position[c]) = it.value();
+    cholesky[k].compute(block);
+    if (cholesky[k].info() != Eigen::Success) {
+      throw InvalidInput("mass", "is not positive definite, in the block of row " + std::to_string(groups[k].front()));
+    }
+  }
+  const SparseMatrix transpose = jacobian_.transpose();
+  std::vector<Eigen::Triplet<double>> triplets;
+  std::vector<Vector> rhs(groups.size());
+  std::vector<int> touched;
+  for (Index i = 0; i < size(); ++i) {
+    touched.clear();
+    for (SparseMatrix::InnerIterator it(transpose, i); it; ++it) {
+      const int k = group_of[it.row()];
+      if (rhs[k].size() == 0) {
+        rhs[k].setZero(static_cast<Index>(groups[k].size()));
+        touched.push_back(k);
+      }
+      rhs[k][position[it.row()]] = it.value();
+    }
+    for (const int k : touched) {
+      cholesky[k].solveInPlace(rhs[k]);
+      for (std::size_t c = 0; c < groups[k].size(); ++c)
+        triplets.emplace_back(groups[k][c], static_cast<int>(i), rhs[k][static_cast<Index>(c)]);
+      rhs[k].resize(0);
+    }
+  }
+  inverse_mass_jacobian_.resize(nv, size());
+  inverse_mass_jacobian_.setFromTriplets(triplets.begin(), triplets.end());
+  inverse_mass_jacobian_.prune([](Index, Index, double value) { return value != 0.0; });
+}
+
+void MassSpaceDelassus::apply(const ConstVectorRef& x, VectorRef y) const { y.noalias() = delassus_ * x; }
+
+void MassSpaceDelassus::diagonal(VectorRef diagonal) const { diagonal = delassus_.diagonal().cwiseMax(0.0); }
+
+SparseMatrix MassSpaceDelassus::matrix() const { return delassus_; }
 
 std::vector<int> MassSpaceDelassus::islands(const ConstraintSets& sets) const {
   // Sets and velocities are the nodes; J and M the edges.

@@ -25,7 +25,7 @@ Residual residual(const ContactProblem& problem, const ConstVectorRef& impulse, 
   add_de_saxce_correction(problem.sets(), law, s);
 
   Residual r;
-  double error = 0.0, largest = 0.0;
+  double error = 0.0, largest = 0.0, free = 0.0;
   for (const ConstraintSet& set : problem.sets()) {
     const Index o = set.offset, n = set.size();
     const double* x = impulse.data() + o;
@@ -62,7 +62,7 @@ Residual residual(const ContactProblem& problem, const ConstVectorRef& impulse, 
         break;
     }
 
-    // relative, in the scaled variables l = sqrt(d) impulse, t = s / sqrt(d)
+    // relative, in the scaled variables l = sqrt(d) impulse, t = s / sqrt(d) (T11, T12)
     const double root = std::sqrt(problem.scale()[o]);
     double l[3], shifted[3];
     for (Index k = 0; k < n; ++k) l[k] = root * x[k], shifted[k] = l[k] - v[k] / root;
@@ -72,12 +72,17 @@ Residual residual(const ContactProblem& problem, const ConstVectorRef& impulse, 
     for (Index k = 0; k < n; ++k) e[k] = l[k] - p[k];
     raise(error, norm(e, n));
     raise(largest, norm(l, n));
-    raise(largest, norm(problem.free_velocity().data() + o, n) / root);
+    raise(free, norm(problem.free_velocity().data() + o, n) / root);
+    const double zero[3] = {0.0, 0.0, 0.0};
+    project(scaled, zero, p);
+    raise(free, norm(p, n));  // impulses that an interval imposes
   }
+  raise(largest, free);
   r.relative = largest > 0.0 ? error / largest : error;
+  r.against_free_velocity = error == 0.0 ? 0.0 : error / free;  // infinite when nothing asked for an impulse
   if (std::isnan(r.relative) || !sigma.allFinite() || !impulse.allFinite()) {
     const double nan = std::numeric_limits<double>::quiet_NaN();
-    r = {nan, nan, nan, nan, nan, nan};
+    r = {nan, nan, nan, nan, nan, nan, nan};
   }
   return r;
 }

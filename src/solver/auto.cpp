@@ -1,4 +1,4 @@
-// Which method, when (docs/solvers, auto):
+// Which method, when (docs/auto.md):
 //   check the guess -> split into islands -> for each: warm Newton -> interior point, finished by Newton -> fallbacks.
 #include "signorini/solver/auto.hpp"
 
@@ -71,7 +71,7 @@ class Ladder {
     w_.best = l;
   }
 
-  /// Follows the solution of A + weight I, easy for large weights, as the weight falls to 0.
+  /// Follows the solution of A + weight I (T38), easy for large weights, as the weight falls to 0.
   bool continuation() {
     const double best_before = best;
     const Vector before = w_.best;

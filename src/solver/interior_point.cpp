@@ -1,9 +1,9 @@
-// Primal-dual interior point (docs/theory, interior point). Letters in this file, per friction cone in Jordan
-// coordinates (normal first): x = (mu l_N, l_T), z = (s_N / mu, t_T) with s = t + Gamma(t), both in the second-order
-// cone {x_0 >= |x_T|};  e = (1, 0, 0).
-//   r = s - (A l + b) - Gamma        H = W^-2, W the Nesterov-Todd scaling: W z = W^-1 x
-//   E = e z_T^T / |z_T|, the derivative of Gamma
-// Newton step: (A + (I - theta E) H) dx = (I - theta E) c + r, dz = c - H dx, c from the centrality equation.
+// Primal-dual interior point (docs/theory.md, section 8). Letters in this file, per friction cone in Jordan coordinates
+// (normal first): x = (mu l_N, l_T), z = (s_N / mu, t_T) with s = t + Gamma(t), both in the second-order cone
+// {x_0 >= |x_T|} (T17);  e = (1, 0, 0).
+//   r = s - (A l + b) - Gamma (T18)  H = W^-2, W the Nesterov-Todd scaling: W z = W^-1 x (T19)
+//   E = e z_T^T / |z_T|, the derivative of Gamma (T22)
+// Newton step: (A + (I - theta E) H) dx = (I - theta E) c + r (T23), dz = c - H dx, c from centrality (T21).
 #include "signorini/solver/interior_point.hpp"
 
 #include <algorithm>
@@ -307,7 +307,7 @@ bool InteriorPoint::step() {
   else
     theta_ = options.theta;
   if (!factor()) return false;
-  // A negative determinant means a branch of the NCP that turns away: hold the De Saxce derivative back.
+  // A negative determinant means a branch of the NCP that turns away: hold the De Saxce derivative back (T25).
   while (law_ == Law::Ncp && theta_ > 0.0 && problem_->system->determinant_sign() < 0) {
     ++negatives_;
     if (hold_ == 0) hold_ = hold_length_, hold_length_ *= 2;
@@ -326,7 +326,7 @@ bool InteriorPoint::step() {
   const double least = late ? std::max(kLateCentring, options.least_centring) : options.least_centring;
   const double centring = std::max(least, std::min(1.0, ratio * ratio * ratio));
 
-  // Corrector: W^-1 c = lambda \ (centring mu e - (W^-1 dx) o (W dz) - lambda o lambda).
+  // Corrector (T21): W c = lambda \ (centring mu e - (W^-1 dx) o (W dz) - lambda o lambda).
   for (Element& e : elements_) {
     const Vector3 sx = times(1.0 / e.eta, scale(reflect(e.w), e.dx)), sz = times(e.eta, scale(e.w, e.dz));
     const Vector3 second = jordan_product(sx, sz), square = jordan_product(e.lambda, e.lambda);
@@ -347,7 +347,7 @@ bool InteriorPoint::step() {
   }
   ++iterations_;
   evaluate();
-  // Slack reset: |z_T| is convex, so the step left z_0 too small; raising it stays in the cone and removes r_0.
+  // Slack reset (T24): |z_T| is convex, so the step left z_0 too small; raising it stays in the cone, removes r_0.
   if (law_ == Law::Ncp) {
     bool changed = false;
     for (Element& e : elements_) {
@@ -363,24 +363,33 @@ bool InteriorPoint::step() {
 
 void solve_interior_point(const ContactProblem& problem, const Settings& settings, InteriorPointWorkspace& w,
                           const Guess* guess, Solution& solution) {
+  constexpr int kWarmPatience = 10;  // steps without halving after which a warm start is given up
   w.problem.setup(problem);
-  w.scratch.setZero(problem.size());
-  if (guess) w.problem.from_impulse(guess->impulse, w.scratch);
   InteriorPoint& method = w.method;
-  method.start(w.problem, settings.law, guess ? &w.scratch : nullptr);
-  const int max_iterations = settings.max_iterations > 0 ? settings.max_iterations : 100;
   Recorder recorder(problem, settings, solution);
-  w.best = method.impulse();
-  double best = method.relative();
+  const double aim = 0.5 * settings.tolerance;
+  const int max_iterations = settings.max_iterations > 0 ? settings.max_iterations : 100;
+  w.best.setZero(problem.size());
+  w.scratch.resize(problem.size());
+  double best = natural_residual(w.problem, settings.law, w.best, w.problem.b, w.scratch);  // of no impulse at all
   recorder.record(w.best, w.problem, 0);
-  while (best > 0.5 * settings.tolerance && method.iterations() < max_iterations && method.step()) {
-    if (method.relative() < best) best = method.relative(), w.best = method.impulse();
-    recorder.record(method.impulse(), w.problem, method.factorizations());
+  if (guess) w.problem.from_impulse(guess->impulse, w.scratch);
+  for (const bool warm : {true, false}) {
+    if ((warm && !guess) || best <= aim) continue;
+    method.start(w.problem, settings.law, warm ? &w.scratch : nullptr);
+    double milestone = method.relative();
+    int since = 0;
+    while (best > aim && solution.iterations < max_iterations && method.step()) {
+      ++solution.iterations;
+      if (method.relative() < best) best = method.relative(), w.best = method.impulse();
+      recorder.record(method.impulse(), w.problem, solution.factorizations + method.factorizations());
+      if (method.relative() <= 0.5 * milestone) milestone = method.relative(), since = 0;
+      if (warm && ++since > kWarmPatience) break;
+    }
+    solution.factorizations += method.factorizations();
   }
-  solution.iterations = method.iterations();
-  solution.factorizations = method.factorizations();
   w.problem.to_impulse(w.best, solution.impulse);
-  finish(problem, settings, method.iterations() >= max_iterations, solution);
+  finish(problem, settings, solution.iterations >= max_iterations, solution);
 }
 
 }  // namespace signorini

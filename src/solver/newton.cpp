@@ -1,4 +1,4 @@
-// Semismooth Newton on the natural map (docs/theory, Newton). Letters in this file:
+// Semismooth Newton on the natural map (docs/theory.md, T26 to T33). Letters in this file:
 //   l, t    scaled impulse and its velocity A l + b        r    natural residual l - P_K(l - s)
 //   s       t + Gamma(t)                                   D    derivative of P_K at l - s
 //   C       derivative of s by t                           K    (I - D) + D C (A + delta I), the Newton matrix
@@ -18,7 +18,7 @@ constexpr int kWatch = 5;  // residuals that the nonmonotone line search looks b
 constexpr int kMaxHalvings = 10;
 constexpr double kLargestDelta = 1e-2, kSmallestDelta = 1e-7, kDeltaFactor = 0.1;
 
-/// X = (I - D) + delta D C and Y = D C of every set.
+/// X = (I - D) + delta D C and Y = D C of every set (T28 to T31).
 void derivative(const ScaledProblem& problem, Law law, const Vector& l, const Vector& t, double delta, BlockDiagonal& x,
                 BlockDiagonal& y) {
   for (Index i = 0; i < problem.sets.num_sets(); ++i) {

@@ -60,7 +60,7 @@ class Sweep {
     for (Index k = 0; k < set.size(); ++k) assign(set.offset + k, x[k]);
   }
 
-  /// The NCP as what it means: 0 <= x_N, sigma_N >= 0, x_N sigma_N = 0, then x_T = P_disc(mu x_N)(x_T - step sigma_T).
+  /// The NCP as (T3) and (T4): 0 <= x_N, sigma_N >= 0, x_N sigma_N = 0; x_T = P_disc(mu x_N)(x_T - step sigma_T).
   /// Faster than a step on the cone with the De Saxce term, and needs no term.
   void signorini_coulomb(const ConstraintSet& set, const PgsWorkspace::Step& step) {
     const Index t1 = set.offset, t2 = t1 + 1, n = t1 + 2;

@@ -26,8 +26,11 @@ class MassSpaceDelassus final : public DelassusOperator {
                std::unique_ptr<ScaledDelassus>& system) const override;
 
  private:
+  void invert_mass();
+
   SparseMatrix mass_, jacobian_;
   SparseMatrix inverse_mass_jacobian_;  // M^-1 J^T, nv x n
+  SparseMatrix delassus_;               // G, to apply it without temporaries
   double asymmetry_ = 0.0;
 };
 

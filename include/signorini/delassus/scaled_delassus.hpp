@@ -10,7 +10,7 @@ namespace signorini {
 using BlockDiagonal = std::vector<Eigen::Matrix3d, Eigen::aligned_allocator<Eigen::Matrix3d>>;
 
 /// A = S (G + R) S in a solver's own scale, and the one kind of linear system that all solvers share:
-///     (X + Y A) x = r,   X and Y block diagonal.
+///     (X + Y A) x = r,   X and Y block diagonal (docs/theory.md, T16).
 /// ADMM has X = (eta + rho) I, Y = I; the interior point X = its scaling, Y = I; Newton X and Y from the projection's
 /// derivative. After construction, apply, factor and solve allocate nothing.
 class ScaledDelassus {

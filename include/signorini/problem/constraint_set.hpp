@@ -10,7 +10,7 @@ namespace signorini {
 enum class SetType : std::uint8_t { FrictionCone, HalfLine, Interval, Equality };
 
 /// One closed convex set K that holds the impulse of one constraint. The velocity s (with the De Saxce
-/// term, for a friction cone) obeys -s in N_K(impulse), the normal cone:
+/// term, for a friction cone) obeys -s in N_K(impulse), the normal cone (docs/theory.md, T8):
 ///
 /// | type          | rows | K                                     | what s obeys                      |
 /// | ------------- | ---- | ------------------------------------- | --------------------------------- |
@@ -28,7 +28,7 @@ struct ConstraintSet {
   Index size() const { return type == SetType::FrictionCone ? 3 : 1; }
 };
 
-/// Projection of x (3 values, normal last) on the friction cone; out may be x.
+/// Projection of x (3 values, normal last) on the friction cone (T9); out may be x.
 void project_friction_cone(double friction, const double* x, double* out);
 
 /// A product of constraint sets, in the row order in which they were added.

@@ -9,7 +9,8 @@ namespace signorini {
 
 /// Find the impulse lambda with
 ///     lambda in K,   sigma = (G + R) lambda + g,   -(sigma + Gamma(sigma)) in N_K(lambda),
-/// which for friction cones is the NCP (27) of Carpentier et al. 2024, for Law::Ccp its convex relaxation.
+/// which for friction cones is the NCP (27) of Carpentier et al. 2024, for Law::Ccp its convex relaxation
+/// (docs/theory.md, T1, T6 to T8).
 /// Constant once built; safe to solve from several threads (one Workspace each).
 class ContactProblem {
  public:
@@ -33,7 +34,7 @@ class ContactProblem {
   /// velocities over sqrt(d) are in sqrt(J), whatever the masses and units.
   const Vector& scale() const { return scale_; }
 
-  /// velocity = (G + R) impulse + g.
+  /// velocity = (G + R) impulse + g (T1).
   void velocity(const ConstVectorRef& impulse, VectorRef velocity) const;
 
   /// Raises InvalidInput("delassus", ...) when G + R is not positive semidefinite beyond rounding and beyond what its

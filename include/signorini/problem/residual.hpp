@@ -4,20 +4,28 @@
 
 namespace signorini {
 
-/// The certificate: how far an impulse is from solving a problem, asked of no solver. NaN as soon as anything is NaN.
+/// The certificate (docs/theory.md, T10 to T12): how far an impulse is from solving a problem, asked of no solver. NaN
+/// as soon as anything is NaN.
 /// With sigma = (G + R) impulse + g and s = sigma + Gamma(sigma), maxima over the sets:
 struct Residual {
   double primal = 0.0;           ///< dist(impulse, K) [N s]
   double dual = 0.0;             ///< dist(s, K*) [m/s]; |s| for an equality, 0 for an interval
   double complementarity = 0.0;  ///< |impulse . s| [J]; for an interval (x - lower) s+ + (upper - x) s-
-  /// The number that judges, free of units and scale: max |l - P_K(l - t)| / max(max |l|, max |g| / sqrt(d)) with
+  /// The number that judges, free of units and scale (T12): max |l - P_K(l - t)| / max(max |l|, max |g| / sqrt(d)) with
   /// l = sqrt(d) impulse, t = s / sqrt(d), d = ContactProblem::scale().
   double relative = 0.0;
+  /// max |l - P_K(l - t)| over max |g| / sqrt(d): an impulse that grows without bound, as in a problem without
+  /// solution, makes `relative` small but not this.
+  double against_free_velocity = 0.0;
   // Two physical readings, friction cones only:
   double signorini = 0.0;    ///< max of approach speed left [m/s], -min(sigma_N, 0), and pull [N s], -min(impulse_N, 0)
   double dissipation = 0.0;  ///< max |impulse_T . sigma_T + friction impulse_N |sigma_T|| [J]
 
-  bool solves(double tolerance) const { return relative <= tolerance; }  // false for NaN
+  /// The certificate holds: relative within the tolerance, and the residual small against what had to be solved.
+  bool solves(double tolerance) const {
+    return relative <= tolerance && against_free_velocity <= kLargestShare;  // false for NaN
+  }
+  static constexpr double kLargestShare = 0.1;
 };
 
 /// impulse: n values [N s]. velocity, if given, receives sigma (without Gamma).

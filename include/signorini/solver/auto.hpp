@@ -14,7 +14,7 @@ struct AutoWorkspace {
   Vector l, best, impulse, scratch;
 };
 
-/// The default method: nobody should have to choose (docs/solvers, auto).
+/// The default method: nobody should have to choose (docs/auto.md).
 void solve_auto(const ContactProblem& problem, const Settings& settings, AutoWorkspace& workspace, const Guess* guess,
                 Solution& solution);
 

@@ -9,7 +9,7 @@
 namespace signorini {
 
 /// Primal-dual interior point for the NCP and the CCP: Nesterov-Todd scaling, Mehrotra's corrector, and the derivative
-/// of the De Saxce term inside the Newton step (docs/theory, interior point). One step at a time, so that others can
+/// of the De Saxce term inside the Newton step (docs/theory.md, section 8). One step at a time, so that others can
 /// finish what it started.
 class InteriorPoint {
  public:
@@ -49,8 +49,8 @@ class InteriorPoint {
   };
 
   void evaluate();   // t_, residual_, relative_ and the complementarity
-  void scalings();   // eta, w, h of every element
-  bool factor();     // X + A, with the determinant guard
+  void scalings();   // eta, w, h of every element (T20)
+  bool factor();     // X + A (T23)
   void direction();  // dx, dz of every element from its centre
   double longest_step() const;
   double complementarity(double step) const;  // sum of x . z after the step

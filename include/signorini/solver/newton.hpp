@@ -23,8 +23,9 @@ struct NewtonResult {
   int factorizations = 0;
 };
 
-/// Semismooth Newton on the natural map l - P_K(l - t - Gamma(t)) of a scaled problem, from memory.l. Quadratic near a
-/// solution, nothing promised far from one: made to finish and to warm-start. memory.best is the best iterate seen.
+/// Semismooth Newton on the natural map l - P_K(l - t - Gamma(t)) of a scaled problem (docs/theory.md, section 9), from
+/// memory.l. Quadratic near a solution, nothing promised far from one: made to finish and to warm-start. memory.best is
+/// the best iterate seen.
 NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance, int max_iterations,
                                NewtonMemory& memory, const IterateObserver& observe = {});
 

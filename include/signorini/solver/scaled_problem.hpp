@@ -8,7 +8,7 @@
 namespace signorini {
 
 /// A contact problem in a solver's own units: one positive scale per set and a right-hand side of unit size, so that
-/// masses of 1 to 1e4 and impulses of 1e-3 live on one scale (docs/theory, scaling).
+/// masses of 1 to 1e4 and impulses of 1e-3 live on one scale (docs/theory.md, T13 and T14).
 ///     impulse = unit S l,   velocity = unit S^-1 t,   t = A l + b,   A = S (G + R) S,   b = S g / unit
 /// with S = diag(1 / sqrt(d)). One factor per set keeps friction cones; interval bounds are scaled along.
 struct ScaledProblem {
@@ -30,7 +30,7 @@ struct ScaledProblem {
   void from_impulse(const ConstVectorRef& impulse, VectorRef l) const { l = impulse.cwiseQuotient(scale) / unit; }
 };
 
-/// The certificate's relative residual of l, from its velocity t = A l + b (without Gamma), when scaled with S above.
+/// The certificate's relative residual of l (T15), from its velocity t = A l + b (without Gamma), when scaled with S.
 /// natural, n values, receives l - P_K(l - (t + Gamma(t))). Allocates nothing.
 double natural_residual(const ScaledProblem& problem, Law law, const ConstVectorRef& l, const ConstVectorRef& t,
                         VectorRef natural);

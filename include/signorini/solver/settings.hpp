@@ -18,7 +18,7 @@ struct AdmmSettings {
   PenaltyRule penalty_rule = PenaltyRule::ResidualBalancing;
   double penalty = 0.0;              ///< starting rho [1/kg, or 1 when scaled]; 0: chosen by the rule
   double proximal_weight = 1e-6;     ///< eta
-  double spectral_exponent = 0.5;    ///< starting p of the spectral rule
+  double spectral_exponent = 0.25;   ///< starting p of the spectral rule
   double spectral_increment = 0.05;  ///< p_inc = p_dec
   double linear_factor = 2.0;        ///< tau_inc = tau_dec
   double ratio = 10.0;               ///< alpha: residual ratio that triggers a change of rho
