@@ -149,13 +149,16 @@ void bind_problem(nb::module_& m) {
           "impulse"_a)
       .def("check_definite", &ContactProblem::check_definite, nb::call_guard<nb::gil_scoped_release>());
 
-  nb::class_<Residual>(m, "Residual")
-      .def_ro("primal", &Residual::primal)
+  auto residual_class = nb::class_<Residual>(m, "Residual");
+  residual_class.attr("largest_share") = Residual::kLargestShare;
+  residual_class.def_ro("primal", &Residual::primal)
       .def_ro("dual", &Residual::dual)
       .def_ro("complementarity", &Residual::complementarity)
       .def_ro("relative", &Residual::relative)
+      .def_ro("against_free_velocity", &Residual::against_free_velocity)
       .def_ro("signorini", &Residual::signorini)
-      .def_ro("dissipation", &Residual::dissipation);
+      .def_ro("dissipation", &Residual::dissipation)
+      .def("solves", &Residual::solves, "tolerance"_a);
   nb::enum_<Law>(m, "Law").value("ncp", Law::Ncp).value("ccp", Law::Ccp);
   m.def(
       "residual",

@@ -19,14 +19,14 @@ struct SharedWorkspace {
   std::mutex mutex;
 };
 
-/// One row an iteration; the columns are those of HISTORY_FIELDS in solution.py.
+/// One row an iteration; the columns are those of HISTORY_TYPE in _solution.py.
 Matrix history(const Solution& solution) {
-  Matrix rows(static_cast<Index>(solution.history.size()), 9);
+  Matrix rows(static_cast<Index>(solution.history.size()), 10);
   Index i = 0;
   for (const IterationRecord& h : solution.history) {
     const Residual& r = h.residual;
     rows.row(i++) << h.iteration, h.factorizations, h.penalty, r.primal, r.dual, r.complementarity, r.relative,
-        r.signorini, r.dissipation;
+        r.against_free_velocity, r.signorini, r.dissipation;
   }
   return rows;
 }

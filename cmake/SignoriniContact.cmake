@@ -14,6 +14,11 @@ add_library(signorini::contact ALIAS signorini_contact)
 set_target_properties(signorini_contact PROPERTIES EXPORT_NAME contact)
 target_compile_features(signorini_contact PUBLIC cxx_std_17)
 target_link_libraries(signorini_contact PUBLIC Eigen3::Eigen)
+# How Eigen allocates depends on -mavx and on AddressSanitizer. These two make it the same here and in whoever links this
+# library: what one allocates the other may free.
+if(CMAKE_SIZEOF_VOID_P EQUAL 8)
+  target_compile_definitions(signorini_contact PUBLIC EIGEN_MAX_ALIGN_BYTES=16 EIGEN_MALLOC_ALREADY_ALIGNED=1)
+endif()
 
 # What every file of ours is compiled with, tests and bindings included.
 function(signorini_compile_options target)

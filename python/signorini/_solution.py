@@ -1,19 +1,11 @@
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 
 import numpy as np
 import numpy.typing as npt
 
 from signorini import _core
-
-HISTORY_TYPE = np.dtype(
-    [("iteration", np.int64), ("factorizations", np.int64)]
-    + [
-        (name, np.float64)
-        for name in ("penalty", "primal", "dual", "complementarity", "relative", "signorini", "dissipation")
-    ]
-)
 
 
 @dataclass(frozen=True)
@@ -24,6 +16,8 @@ class Residual:
     dual: distance of the corrected velocity from the dual cone [m/s]
     complementarity: |impulse . corrected velocity| [J]
     relative: the number that judges, free of units and scale (docs/theory.md, T12)
+    against_free_velocity: the same residual over what the free velocity asks for; impulses that grow without bound, as
+        in a problem without solution, make `relative` small but not this
     signorini: approach speed [m/s] or pull [N s] left over, friction cones only
     dissipation: defect of maximum dissipation [J], friction cones only
 
@@ -34,15 +28,26 @@ class Residual:
     dual: float
     complementarity: float
     relative: float
+    against_free_velocity: float
     signorini: float
     dissipation: float
+
+    def solves(self, tolerance: float) -> bool:
+        """What "solved" means: relative within the tolerance and against_free_velocity within largest_share (0.1)."""
+        return self.relative <= tolerance and self.against_free_velocity <= _core.Residual.largest_share
 
     def to_dict(self) -> dict[str, float]:
         return asdict(self)
 
     @classmethod
     def _from_core(cls, r: _core.Residual) -> Residual:
-        return cls(r.primal, r.dual, r.complementarity, r.relative, r.signorini, r.dissipation)
+        return cls(**{each.name: getattr(r, each.name) for each in fields(cls)})
+
+
+HISTORY_TYPE = np.dtype(
+    [("iteration", np.int64), ("factorizations", np.int64), ("penalty", np.float64)]
+    + [(each.name, np.float64) for each in fields(Residual)]
+)
 
 
 def _no_history() -> npt.NDArray[np.void]:
@@ -53,7 +58,7 @@ def _no_history() -> npt.NDArray[np.void]:
 class Solution:
     """What a solver returns; complete also when it failed.
 
-    status: "solved" (the certificate is within the tolerance; said of nothing else), "max iterations", "stalled" (the
+    status: "solved" (residual.solves(tolerance); said of nothing else), "max iterations", "stalled" (the
         impulse is then the best seen) or "invalid" (no finite impulse was found, it is zero)
     solver: the method that produced the answer
     impulse: [N s], (n,)

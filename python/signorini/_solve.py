@@ -57,7 +57,7 @@ def solve(
     solver: "auto" (chooses; start here), "admm", "pgs", "interior-point" or "newton".
     law: "ncp", Signorini and Coulomb with maximum dissipation, or "ccp", its convex relaxation (MuJoCo's and Drake's
         model), which lifts sliding contacts.
-    tolerance: on the certificate's relative residual, in (0, 1).
+    tolerance: on the certificate's relative residual (Residual.solves), in (0, 1).
     max_iterations: at least 1; None for the solver's own default.
     guess: where to start: an impulse [N s], (n,), or the Solution of a similar problem.
     record_history: fill Solution.history.

@@ -21,17 +21,14 @@ std::vector<int> minimum_degree(const Lists& neighbours) {
   for (const auto& list : neighbours) edges += list.size();
   const double full = 0.5 * n * (n - 1.0);
   if (n < 4 || static_cast<double>(edges) > 0.9 * full) return order;
-  std::vector<Eigen::Triplet<double>> triplets;
-  triplets.reserve(2 * edges + static_cast<std::size_t>(n));
+  SparseMatrix pattern(n, n);  // one triangle: the ordering symmetrises it
+  pattern.reserve(static_cast<Index>(edges) + n);
   for (int j = 0; j < n; ++j) {
-    triplets.emplace_back(j, j, 1.0);
-    for (const int i : neighbours[static_cast<std::size_t>(j)]) {
-      triplets.emplace_back(i, j, 1.0);
-      triplets.emplace_back(j, i, 1.0);
-    }
+    pattern.startVec(j);
+    pattern.insertBack(j, j) = 1.0;
+    for (const int i : neighbours[static_cast<std::size_t>(j)]) pattern.insertBack(i, j) = 1.0;
   }
-  SparseMatrix pattern(n, n);
-  pattern.setFromTriplets(triplets.begin(), triplets.end());
+  pattern.finalize();
   Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, int> permutation;
   Eigen::AMDOrdering<int>()(pattern, permutation);
   for (int k = 0; k < n; ++k) order[static_cast<std::size_t>(k)] = permutation.indices()[k];

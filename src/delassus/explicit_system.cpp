@@ -40,26 +40,24 @@ void ExplicitSystem::analyze(const SparseMatrix& matrix, const ConstraintSets& s
   outer_.assign(matrix.outerIndexPtr(), matrix.outerIndexPtr() + n + 1);
   inner_.assign(matrix.innerIndexPtr(), matrix.innerIndexPtr() + matrix.nonZeros());
   targets_.assign(inner_.size(), -1);
-  std::vector<Index> column_start(sizes_.size() + 1);  // pairs of block column j
-  {
-    Index k = 0;
-    for (std::size_t j = 0; j < sizes_.size(); ++j) {
-      column_start[j] = k;
-      k += 1 + static_cast<Index>(neighbours[j].size());
-    }
-    column_start[sizes_.size()] = k;
-  }
+  // Pairs by their smaller block are contiguous; by their larger one they are chained.
   const auto& pairs = lu_.pairs();
-  for (int c = 0; c < n; ++c) {
-    const int j = set_of[c];
-    for (int q = outer_[c]; q < outer_[c + 1]; ++q) {
-      const int r = inner_[q], i = set_of[r];
-      const int low = std::min(i, j), high = std::max(i, j);
-      const auto begin = pairs.begin() + column_start[low], end = pairs.begin() + column_start[low + 1];
-      const auto pair = std::lower_bound(begin, end, high, [](const BlockLu::Pair& p, int b) { return p.i < b; });
-      const Index base = i >= j ? pair->lower : pair->upper;
-      targets_[q] = base + static_cast<Index>(c - offsets_[j]) * sizes_[i] + (r - offsets_[i]);
-    }
+  const auto num_pairs = static_cast<int>(pairs.size());
+  std::vector<int> first(sizes_.size(), -1), next(pairs.size(), -1);
+  for (int k = num_pairs - 1; k >= 0; --k) {
+    next[k] = first[pairs[k].i];
+    first[pairs[k].i] = k;
+  }
+  std::vector<Index> base(sizes_.size());  // where block (i, j) starts, for the j at hand
+  int pair = 0;
+  for (int j = 0; j < static_cast<int>(sizes_.size()); ++j) {
+    for (int k = first[j]; k >= 0; k = next[k]) base[pairs[k].j] = pairs[k].upper;
+    for (; pair < num_pairs && pairs[pair].j == j; ++pair) base[pairs[pair].i] = pairs[pair].lower;
+    for (int c = 0; c < sizes_[j]; ++c)
+      for (int q = outer_[offsets_[j] + c]; q < outer_[offsets_[j] + c + 1]; ++q) {
+        const int i = set_of[inner_[q]];
+        targets_[q] = base[i] + static_cast<Index>(c) * sizes_[i] + (inner_[q] - offsets_[i]);
+      }
   }
 }
 

@@ -21,7 +21,7 @@ class UnionFind {
 /// Connected components of the sets under the symmetric matrix G.
 std::vector<int> islands_of(const SparseMatrix& matrix, const ConstraintSets& sets);
 
-/// matrix(rows, columns).
+/// matrix(rows, columns) of a compressed matrix; rows must ascend.
 SparseMatrix select(const SparseMatrix& matrix, const std::vector<Index>& rows, const std::vector<Index>& columns);
 
 }  // namespace signorini

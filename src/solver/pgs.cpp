@@ -109,14 +109,15 @@ void solve_pgs(const ContactProblem& problem, const Settings& settings, PgsWorks
   // The certificate, which also refreshes sigma. True when there is nothing more to do.
   const auto check = [&] {
     const Residual certificate = residual(problem, w.impulse, settings.law, w.sigma, w.scratch);
-    if (certificate.relative < best_relative) {
+    const bool solves = certificate.solves(settings.tolerance);
+    if (solves || certificate.relative < best_relative) {
       best_relative = certificate.relative;
       w.best = w.impulse;
     }
     if (settings.record_history && solution.iterations > 0) {
       solution.history.push_back({solution.iterations, 0, 0.0, certificate});
     }
-    return certificate.solves(settings.tolerance) || !std::isfinite(certificate.relative);
+    return solves || !std::isfinite(certificate.relative);
   };
 
   {

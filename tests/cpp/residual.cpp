@@ -10,7 +10,8 @@ using namespace signorini::testing;
 namespace {
 
 bool all_nan(const Residual& r) {
-  for (const double x : {r.primal, r.dual, r.complementarity, r.relative, r.signorini, r.dissipation}) {
+  for (const double x :
+       {r.primal, r.dual, r.complementarity, r.relative, r.against_free_velocity, r.signorini, r.dissipation}) {
     if (!std::isnan(x)) return false;
   }
   return true;
@@ -29,6 +30,7 @@ BOOST_AUTO_TEST_CASE(a_falling_point_that_nothing_stops) {
   BOOST_TEST(r.dual == 3.0);
   BOOST_TEST(r.complementarity == 0.0);
   BOOST_TEST(near(r.relative, 1.0));
+  BOOST_TEST(near(r.against_free_velocity, 1.0));
   BOOST_TEST(r.signorini == 3.0);
   BOOST_TEST(!r.solves(0.9));
 }
@@ -113,6 +115,27 @@ BOOST_AUTO_TEST_CASE(relative_does_not_know_units_or_masses) {
       BOOST_TEST(near(residual(scaled, mass * time * impulse).relative, expected, 1e-10));
     }
   }
+}
+
+BOOST_AUTO_TEST_CASE(impulses_that_grow_without_bound_solve_nothing) {
+  for (const ContactProblem& problem : unsolvable_problems()) {
+    for (const double size : {1e3, 1e9, 1e15}) {
+      Vector impulse = Vector::Zero(problem.size());
+      for (const ConstraintSet& set : problem.sets()) impulse[set.offset + set.size() - 1] = size;
+      const Residual r = residual(problem, impulse);
+      BOOST_TEST(r.relative <= 2.0 / size);
+      BOOST_TEST(r.against_free_velocity >= 0.5);
+      BOOST_TEST(!r.solves(0.5));
+    }
+  }
+}
+
+BOOST_AUTO_TEST_CASE(an_impulse_that_nothing_asked_for_solves_nothing) {
+  const ContactProblem problem = point_on_ground(1.0, 0.5, vector3(0.0, 0.0, 0.0));
+  BOOST_TEST(residual(problem, Vector::Zero(3)).against_free_velocity == 0.0);
+  const Residual r = residual(problem, vector3(0.0, 0.0, 1e-9));
+  BOOST_TEST(r.against_free_velocity == kInfinity);
+  BOOST_TEST(!r.solves(0.999));
 }
 
 BOOST_AUTO_TEST_CASE(nan_is_never_solved) {

@@ -124,6 +124,19 @@ BOOST_AUTO_TEST_CASE(compliance_gives_way) {
   });
 }
 
+BOOST_AUTO_TEST_CASE(gauss_seidel_keeps_the_velocity_of_a_soft_contact) {
+  // Its sweeps update the velocity, compliance included, and compute it anew every tenth time only. Under-relaxed, so
+  // that more than ten are needed: then the first ones that miss the compliance overshoot for good.
+  const double mass = 2.0, compliance = 50.0;
+  Settings settings = settings_for(SolverType::Pgs, 1e-10);
+  settings.pgs.over_relaxation = 0.5;
+  settings.max_iterations = 100;
+  const Vector r = vector3(compliance, compliance, compliance), g = vector3(0.3, -0.4, -3.0);
+  const Solution solution = solved(point_on_ground(mass, 0.5, g, r), settings);
+  BOOST_TEST(near(solution.impulse, -g / (1.0 / mass + compliance)));
+  BOOST_TEST(solution.iterations > 10);
+}
+
 BOOST_AUTO_TEST_CASE(a_million_times_heavier_on_top) {
   // A point of mass 1 on the ground, one of mass 1e6 on it; both fall at 1 and slide, within their cones.
   const double light = 1.0, heavy = 1e6;
@@ -214,6 +227,28 @@ BOOST_AUTO_TEST_CASE(out_of_iterations_is_said) {
   });
 }
 
+BOOST_AUTO_TEST_CASE(what_has_no_solution_is_never_solved) {
+  for (const ContactProblem& problem : unsolvable_problems()) {
+    Guess huge;
+    huge.impulse = Vector::Zero(problem.size());
+    for (const ConstraintSet& set : problem.sets()) huge.impulse[set.offset + set.size() - 1] = 1e12;
+    for_all_solvers([&](Settings settings) {
+      for (const Law law : {Law::Ncp, Law::Ccp}) {
+        for (const double tolerance : {1e-8, 1e-2}) {
+          settings.law = law;
+          settings.tolerance = tolerance;
+          for (const Guess* guess : {static_cast<const Guess*>(nullptr), static_cast<const Guess*>(&huge)}) {
+            const Solution solution = solve(problem, settings, guess);
+            BOOST_TEST((solution.status != Status::Solved));
+            BOOST_TEST(solution.residual.against_free_velocity > Residual::kLargestShare);
+            BOOST_TEST(solution.impulse.allFinite());
+          }
+        }
+      }
+    });
+  }
+}
+
 BOOST_AUTO_TEST_CASE(history_ends_with_the_answer) {
   const Planted planted = plant(42, 4, Law::Ncp);
   for (const SolverType solver : {SolverType::Admm, SolverType::Pgs}) {
@@ -228,6 +263,55 @@ BOOST_AUTO_TEST_CASE(history_ends_with_the_answer) {
     BOOST_TEST(solution.history.back().factorizations == solution.factorizations);
     if (solver == SolverType::Admm) BOOST_TEST(solution.history.back().penalty == solution.penalty);
   }
+}
+
+BOOST_AUTO_TEST_CASE(newton_interior_point_and_auto_keep_a_history_too) {
+  const Planted planted = plant(42, 4, Law::Ncp);
+  Guess guess;
+  guess.impulse = planted.impulse + 1e-3 * Random(47).vector(planted.problem.size());
+  for (const SolverType solver : {SolverType::Auto, SolverType::InteriorPoint, SolverType::Newton}) {
+    for (const Guess* start : {static_cast<const Guess*>(nullptr), static_cast<const Guess*>(&guess)}) {
+      if (solver == SolverType::Newton && !start) continue;
+      BOOST_TEST_CONTEXT(name(solver) << (start ? ", warm" : ", cold")) {
+        Settings settings = settings_for(solver);
+        const Solution plain = solved(planted.problem, settings, start);
+        BOOST_TEST(plain.history.empty());
+        settings.record_history = true;
+        const Solution solution = solved(planted.problem, settings, start);
+        BOOST_TEST(solution.impulse == plain.impulse);  // watching changes nothing
+        BOOST_REQUIRE(!solution.history.empty());
+        double best = kInfinity;
+        for (std::size_t k = 0; k < solution.history.size(); ++k) {
+          const IterationRecord& record = solution.history[k];
+          BOOST_TEST(record.iteration == solution.history.front().iteration + static_cast<int>(k));
+          BOOST_TEST(record.penalty == 0.0);
+          if (k > 0) BOOST_TEST(record.factorizations >= solution.history[k - 1].factorizations);
+          best = std::min(best, record.residual.relative);
+        }
+        BOOST_TEST(best <= 1e-7);  // the last iterate, not yet put into the cones
+        BOOST_TEST(solution.history.back().factorizations == solution.factorizations);
+        BOOST_TEST(solution.history.size() >= static_cast<std::size_t>(solution.iterations));
+      }
+    }
+  }
+}
+
+BOOST_AUTO_TEST_CASE(the_answer_names_the_method_that_found_it) {
+  const Planted planted = plant(42, 4, Law::Ncp);
+  Guess guess;
+  guess.impulse = planted.impulse + 1e-6 * Random(48).vector(planted.problem.size());
+  const Settings automatic = settings_for(SolverType::Auto);
+  for (const SolverType solver : kAllSolvers) {
+    if (solver == SolverType::Auto) continue;
+    BOOST_TEST((solve(planted.problem, settings_for(solver), &guess).solver == solver));
+  }
+  BOOST_TEST((solved(planted.problem, automatic, &guess).solver == SolverType::Newton));
+  const SolverType cold = solved(planted.problem, automatic).solver;
+  BOOST_TEST((cold == SolverType::Newton || cold == SolverType::InteriorPoint));
+  // Nothing to find: an impulse of zero, or a guess that solves.
+  BOOST_TEST((solved(point_on_ground(1.0, 0.5, vector3(0.0, 0.0, 1.0)), automatic).solver == SolverType::Auto));
+  guess.impulse = planted.impulse;
+  BOOST_TEST((solved(planted.problem, automatic, &guess).solver == SolverType::Auto));
 }
 
 BOOST_AUTO_TEST_CASE(a_good_guess_costs_no_factorisation) {

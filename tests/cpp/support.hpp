@@ -59,6 +59,22 @@ inline ContactProblem point_on_ground(double mass, double friction, const Vector
                         ConstraintSets::friction_cones(Vector::Constant(1, friction)), compliance);
 }
 
+/// Problems without a solution: a contact that closes and that no impulse moves; a body between two closing walls. The
+/// impulses of an iteration grow without bound.
+inline std::vector<ContactProblem> unsolvable_problems() {
+  Matrix g = Matrix::Zero(6, 6);
+  g.topLeftCorner(3, 3).setIdentity();
+  Vector free = Vector::Zero(6);
+  free[2] = free[5] = -1.0;
+  Matrix opposed(2, 2);
+  opposed << 1.0, -1.0, -1.0, 1.0;
+  ConstraintSets lines;
+  lines.add_half_line();
+  lines.add_half_line();
+  return {ContactProblem(dense(g), free, ConstraintSets::friction_cones(Vector::Constant(2, 0.5))),
+          ContactProblem(dense(opposed), Vector::Constant(2, -1.0), lines)};
+}
+
 enum class Operator { Dense, Sparse, MassSpace };
 
 inline const char* operator_name(Operator type) {

@@ -62,7 +62,8 @@ def test_json_holds_the_certificate(folder, solver):
     for r in content["results"]:
         fields = "name num_contacts solver status iterations factorizations seconds residual asymmetry"
         assert set(r) == set(fields.split())
-        assert set(r["residual"]) == {"primal", "dual", "complementarity", "relative"}
+        names = {"primal", "dual", "complementarity", "relative", "against_free_velocity"}
+        assert set(r["residual"]) == names
         assert r["status"] == "solved"
         assert r["num_contacts"] == 5
         problem = fclib.read(folder / f"{r['name']}.hdf5")
@@ -100,6 +101,18 @@ def test_unsolved_is_exit_status_1(folder):
     assert result.exit_code == 1
     assert "max iterations" in result.stdout
     assert "0 of 2 solved" in result.stdout
+
+
+def test_what_has_no_solution_is_said(tmp_path):
+    # No impulse moves the second contact, which closes.
+    problem = ContactProblem(np.diag([1.0, 1, 1, 0, 0, 0]), [0.0, 0, -1, 0, 0, -1], [0.5, 0.5])
+    fclib.write(tmp_path / "closing.hdf5", problem)
+    result = run("solve", tmp_path, "--solver", "admm", "--tolerance", "0.01", "--json", tmp_path / "out.json")
+    assert result.exit_code == 1
+    assert "0 of 1 solved" in result.stdout
+    residual = load((tmp_path / "out.json").read_text())["results"][0]["residual"]
+    assert residual["against_free_velocity"] > 0.1
+    assert ("without solution" in result.stdout) == (residual["relative"] <= 0.01)
 
 
 def test_bad_file_is_exit_status_2_and_the_others_are_solved(folder):

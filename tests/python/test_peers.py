@@ -3,6 +3,7 @@ import pytest
 
 import signorini
 from signorini import ContactProblem, Equality, FrictionCone, peers, scenes
+from signorini.experiments._runs import record, solves
 from signorini.peers import siconos
 from signorini.peers._common import judged
 
@@ -99,6 +100,18 @@ def test_a_wrong_claim_is_not_believed():
     )
     assert nothing.status == "max iterations"
     np.testing.assert_array_equal(nothing.impulse, 0.0)
+
+
+def test_impulses_that_grow_without_bound_are_not_believed(peer):
+    # No impulse moves the second contact, which closes: nothing solves this.
+    problem = ContactProblem(np.diag([1.0, 1, 1, 0, 0, 0]), [0.0, 0, -1, 0, 0, -1], [0.5, 0.5])
+    huge = np.array([0.0, 0, 1, 0, 0, 1e12])
+    options = {"iterations": 1, "seconds": 0.0, "limited": False}
+    answer = judged("someone", problem, huge, "ncp", 1e-6, claimed=True, **options)
+    assert answer.residual.relative <= 1e-6
+    assert answer.status == "stalled"
+    assert not solves(record(answer), 1e-6)
+    assert not peer.solve(problem, tolerance=1e-6, max_iterations=100).solved
 
 
 def test_names():

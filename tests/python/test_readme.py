@@ -1,8 +1,10 @@
-"""What README.md shows, run as a reader would: its Python blocks, then its commands, in one folder."""
+"""What README.md shows, run as a reader would: its Python blocks, then its commands, in one folder. And that what the
+documents and comments point at exists."""
 
 import re
 import shlex
 
+import pytest
 from conftest import REPOSITORY
 from typer.testing import CliRunner
 
@@ -40,8 +42,22 @@ def test_cpp_block_is_the_example():
     assert not missing
 
 
-def test_linked_files_exist():
-    targets = re.findall(r"\]\(([^)#:]+)\)", (REPOSITORY / "README.md").read_text())
-    assert targets
-    missing = [target for target in targets if not (REPOSITORY / target).exists()]
+@pytest.mark.parametrize(
+    "page", [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md"))], ids=lambda page: page.name
+)
+def test_linked_files_exist(page):
+    targets = re.findall(r"\]\(([^)#:]+)\)", page.read_text())
+    missing = [target for target in targets if not (page.parent / target).exists()]
     assert not missing
+
+
+def test_cited_equations_exist():
+    # In docs/theory.md an equation's number ends its line; elsewhere it is cited as T12 or (T12).
+    number = re.compile(r"\bT(\d+)\b")
+    theory = (REPOSITORY / "docs" / "theory.md").read_text()
+    defined = [int(n) for n in re.findall(r"\(T(\d+)\)$", theory, re.MULTILINE)]
+    assert defined == list(range(1, len(defined) + 1))
+    files = [p for folder in ("include", "src", "docs") for p in (REPOSITORY / folder).rglob("*.*")]
+    cited = {(int(n), path.name) for path in files for n in number.findall(path.read_text())}
+    assert len(cited) > 30
+    assert not sorted(c for c in cited if c[0] not in defined)

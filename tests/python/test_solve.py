@@ -200,14 +200,66 @@ def test_out_of_iterations_is_a_status_with_the_best_impulse():
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_history_ends_in_the_answer(solver):
-    mass, j, g, mu, _ = planted_problem(11)
+    mass, j, g, mu, impulse = planted_problem(11)
     problem = ContactProblem.from_mass(mass, j, g, mu)
-    s = signorini.solve(problem, solver, record_history=True)
-    assert len(s.history) >= 1
-    assert {"iteration", "factorizations", "penalty", "relative", "primal", "dual"} <= set(s.history.dtype.names)
+    guess = 1.001 * impulse if solver == "newton" else None  # which promises nothing from far away
+    s = signorini.solve(problem, solver, guess=guess, record_history=True)
+    assert s.solved
+    assert s.history.dtype.names == ("iteration", "factorizations", "penalty", *s.residual.to_dict())
+    assert len(s.history) >= s.iterations >= 1
+    np.testing.assert_array_equal(np.diff(s.history["iteration"]), 1)
     assert (np.diff(s.history["factorizations"]) >= 0).all()
-    assert s.history["relative"].min() <= 10 * s.residual.relative
-    assert len(signorini.solve(problem, solver).history) == 0
+    assert s.history["relative"].min() <= 1e-5
+    assert np.isfinite(s.history["against_free_velocity"]).all()
+    assert len(signorini.solve(problem, solver, guess=guess).history) == 0
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_the_solution_names_its_method(solver):
+    mass, j, g, mu, impulse = planted_problem(11)
+    s = signorini.solve(ContactProblem.from_mass(mass, j, g, mu), solver, guess=1.001 * impulse)
+    assert s.solver in (("newton", "interior-point") if solver == "auto" else (solver,))
+
+
+def unsolvable():
+    """A contact that closes and that no impulse moves; a body between two walls that close in."""
+    yield ContactProblem(np.diag([1.0, 1, 1, 0, 0, 0]), [0.0, 0, -1, 0, 0, -1], [0.5, 0.5])
+    yield ContactProblem(np.array([[1.0, -1], [-1, 1]]), [-1.0, -1], constraints=[HalfLine(), HalfLine()])
+
+
+@pytest.mark.parametrize("problem", unsolvable(), ids=["contacts", "half lines"])
+@pytest.mark.parametrize("law", ["ncp", "ccp"])
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_what_has_no_solution_is_never_solved(solver, law, problem):
+    step = 3 if problem.num_contacts else 1
+    huge = np.zeros(problem.size)
+    huge[step - 1 :: step] = 1e12
+    for guess in (None, huge):
+        for tolerance in (1e-8, 1e-6, 1e-2):
+            s = signorini.solve(problem, solver, law, tolerance, guess=guess)
+            assert not s.solved
+            assert not s.residual.solves(tolerance)
+            assert s.residual.against_free_velocity > 0.1
+            assert np.isfinite(s.impulse).all()
+    r = signorini.residual(problem, huge, law)
+    assert r.relative <= 1e-11  # which alone would call it solved
+    assert not r.solves(1e-6)
+    assert r.against_free_velocity >= 0.5
+
+
+def test_residual_solves_as_the_core_does():
+    mass, j, g, mu, impulse = planted_problem(12)
+    problem = ContactProblem.from_mass(mass, j, g, mu)
+    for factor in (1.0, 1.0 + 1e-9, 1.01, 2.0, 1e9, np.nan):
+        ours = signorini.residual(problem, factor * impulse) if factor == factor else None
+        core = _core.residual(problem._core, factor * impulse, _core.Law.ncp)
+        if ours is None:
+            assert not core.solves(0.999)
+            continue
+        assert ours.to_dict() == {name: getattr(core, name) for name in ours.to_dict()}
+        for tolerance in (1e-12, 1e-6, 1e-3, 0.999):
+            assert ours.solves(tolerance) == core.solves(tolerance)
+    assert signorini.residual(problem, impulse).solves(1e-12)
 
 
 @pytest.mark.parametrize("solver", SURE)

@@ -19,6 +19,7 @@ from rich.table import Table
 import signorini
 
 Result = dict[str, Any]
+COLUMNS = {"primal": "primal", "dual": "dual", "complementarity": "complem.", "relative": "relative"}
 
 
 class Solver(str, Enum):
@@ -102,7 +103,7 @@ def solve(
     if json_file is not None:
         bad_input |= not _write_json(json_file, results, errors)
     if json_file != "-" and results:
-        _print_table(results)
+        _print_table(results, tolerance)
     if bad_input:
         raise typer.Exit(2)
     raise typer.Exit(0 if all(result["status"] == "solved" for result in results) else 1)
@@ -123,12 +124,12 @@ def _expand(files: list[Path], errors: Console) -> tuple[list[Path], bool]:
     return paths, bad
 
 
-def _print_table(results: list[Result]) -> None:
+def _print_table(results: list[Result], tolerance: float) -> None:
     table = Table(title="certificates")
     table.add_column("problem")
     table.add_column("solver")
     table.add_column("status")
-    for column in ("contacts", "iterations", "factorizations", "ms", "primal", "dual", "complem.", "relative"):
+    for column in ("contacts", "iterations", "factorizations", "ms", *COLUMNS.values()):
         table.add_column(column, justify="right")
     solved = 0
     for result in results:
@@ -142,12 +143,20 @@ def _print_table(results: list[Result]) -> None:
             str(result["iterations"]),
             str(result["factorizations"]),
             f"{1e3 * result['seconds']:.2f}",
-            *("nan" if value is None else f"{value:.1e}" for value in result["residual"].values()),
+            *("nan" if (value := result["residual"][key]) is None else f"{value:.1e}" for key in COLUMNS),
         )
     # Into a file or a pipe: as wide as the table needs, nothing cut off.
     console = Console() if sys.stdout.isatty() else Console(width=200)
     console.print(table)
     console.print(f"{solved} of {len(results)} solved", highlight=False)
+    unbounded = [result["name"] for result in results if _grows_without_bound(result, tolerance)]
+    if unbounded:
+        console.print(f"perhaps without solution (impulses grow without bound): {', '.join(unbounded)}", markup=False)
+
+
+def _grows_without_bound(result: Result, tolerance: float) -> bool:
+    relative = result["residual"]["relative"]
+    return result["status"] != "solved" and relative is not None and relative <= tolerance
 
 
 def _finite(value: float) -> float | None:
@@ -164,7 +173,7 @@ def _result(problem: signorini.ContactProblem, solution: signorini.Solution) -> 
         "iterations": solution.iterations,
         "factorizations": solution.factorizations,
         "seconds": solution.seconds,
-        "residual": {key: _finite(residual[key]) for key in ("primal", "dual", "complementarity", "relative")},
+        "residual": {key: _finite(residual[key]) for key in (*COLUMNS, "against_free_velocity")},
         "asymmetry": _finite(problem.asymmetry),
     }
 

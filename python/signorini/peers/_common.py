@@ -22,7 +22,7 @@ class PeerUnavailableError(RuntimeError):
 class PeerSolution:
     """A peer's answer, judged by our certificate.
 
-    status: "solved" when residual.relative <= the tolerance asked for, and only then; "max iterations", "stalled" (the
+    status: "solved" when residual.solves(tolerance asked for), and only then; "max iterations", "stalled" (the
     peer gave up or claims success wrongly), "timeout" or "crashed". claimed: what the peer itself says. impulse: (3nc,)
     [N s], order T1, T2, N; zero when there is none. iterations: the peer's own, summed over outer iterations.
     factorizations: where the peer counts them. seconds: of the peer's set-up and solve, conversions excluded.
@@ -65,7 +65,7 @@ def judged(
         impulse = np.zeros(problem.size)
         note = note or "returned an impulse that is not finite"
     residual = signorini.residual(problem, impulse, law)
-    status = "solved" if residual.relative <= tolerance else "max iterations" if limited else "stalled"
+    status = "solved" if residual.solves(tolerance) else "max iterations" if limited else "stalled"
     return PeerSolution(
         peer, status, claimed, impulse, residual, iterations, seconds, outer_iterations, factorizations, note
     )

@@ -60,13 +60,14 @@ def solve_by_cone_programs(
         if not np.all(np.isfinite(x)):
             break
         impulse = program.impulse(x, np.asarray(problem.friction))
-        relative = signorini.residual(problem, impulse, law).relative
-        if relative < least:
-            best, least = impulse, relative
+        certificate = signorini.residual(problem, impulse, law)
+        solved = certificate.solves(tolerance)
+        if solved or certificate.relative < least:
+            best, least = impulse, certificate.relative
         since += 1
         if least < 0.9 * milestone:
             milestone, since = least, 0
-        if least <= tolerance or since >= PATIENCE:
+        if solved or since >= PATIENCE:
             break
         shift = de_saxce_correction(problem, matrix, impulse)
     return judged(
