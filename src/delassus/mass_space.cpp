@@ -327,14 +327,9 @@ MassSpaceDelassus::MassSpaceDelassus(const SparseMatrix& mass, const SparseMatri
   jacobian_.makeCompressed();
   if (mass_.rows() == 0) {
     inverse_mass_jacobian_.resize(0, jacobian_.rows());
-    delassus_.resize(jacobian_.rows(), jacobian_.rows());
     return;
   }
   invert_mass();
-  const SparseMatrix g = jacobian_ * inverse_mass_jacobian_;
-  const SparseMatrix g_transpose = g.transpose();
-  delassus_ = 0.5 * (g + g_transpose);
-  delassus_.makeCompressed();
 }
 
 /// M^-1 J^T, one dense Cholesky per group of velocities that M ties together: a free body, a robot.
@@ -388,11 +383,27 @@ void MassSpaceDelassus::invert_mass() {
   inverse_mass_jacobian_.prune([](Index, Index, double value) { return value != 0.0; });
 }
 
-void MassSpaceDelassus::apply(const ConstVectorRef& x, VectorRef y) const { y.noalias() = delassus_ * x; }
+void MassSpaceDelassus::apply(const ConstVectorRef& x, VectorRef y) const {
+  thread_local std::vector<double> scratch;  // grows only, so that a warm call allocates nothing
+  if (scratch.size() < static_cast<std::size_t>(num_velocities())) scratch.resize(num_velocities());
+  Eigen::Map<Vector> w(scratch.data(), num_velocities());
+  w.noalias() = inverse_mass_jacobian_ * x;
+  y.noalias() = jacobian_ * w;
+}
 
-void MassSpaceDelassus::diagonal(VectorRef diagonal) const { diagonal = delassus_.diagonal().cwiseMax(0.0); }
+void MassSpaceDelassus::diagonal(VectorRef diagonal) const {
+  const SparseMatrix transpose = jacobian_.transpose();
+  for (Index i = 0; i < size(); ++i) {
+    const double d = transpose.col(i).dot(inverse_mass_jacobian_.col(i));
+    diagonal[i] = d < 0.0 ? 0.0 : d;
+  }
+}
 
-SparseMatrix MassSpaceDelassus::matrix() const { return delassus_; }
+SparseMatrix MassSpaceDelassus::matrix() const {
+  const SparseMatrix g = jacobian_ * inverse_mass_jacobian_;
+  const SparseMatrix transpose = g.transpose();
+  return 0.5 * (g + transpose);
+}
 
 std::vector<int> MassSpaceDelassus::islands(const ConstraintSets& sets) const {
   // Sets and velocities are the nodes; J and M the edges.

@@ -1,5 +1,6 @@
 #include "signorini/problem/residual.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -11,6 +12,30 @@ namespace {
 /// Maximum that keeps a NaN, unlike std::max.
 void raise(double& maximum, double value) {
   if (!(value <= maximum)) maximum = std::isnan(maximum) ? maximum : value;
+}
+
+/// e = l - P_K(l - t), for impulses that dwarf the velocity too: where l - t is l but for rounding, e is still t.
+void natural_map(const ConstraintSet& set, const double* l, const double* t, double* e) {
+  switch (set.type) {
+    case SetType::FrictionCone: {
+      double a[3], p[3];
+      for (Index k = 0; k < 3; ++k) a[k] = l[k] - t[k];
+      project(set, a, p);
+      const bool sticks = p[0] == a[0] && p[1] == a[1] && p[2] == a[2];
+      for (Index k = 0; k < 3; ++k)
+        e[k] = sticks ? t[k] : std::abs(t[k]) < std::abs(l[k]) ? t[k] - (p[k] - a[k]) : l[k] - p[k];
+      break;
+    }
+    case SetType::HalfLine:
+      e[0] = std::min(l[0], t[0]);
+      break;
+    case SetType::Interval:
+      e[0] = std::min(std::max(t[0], l[0] - set.upper), l[0] - set.lower);
+      break;
+    case SetType::Equality:
+      e[0] = t[0];
+      break;
+  }
 }
 
 double norm(const double* x, Index n) { return n == 3 ? std::hypot(std::hypot(x[0], x[1]), x[2]) : std::abs(x[0]); }
@@ -54,7 +79,10 @@ Residual residual(const ContactProblem& problem, const ConstVectorRef& impulse, 
         break;
       case SetType::Interval: {
         const double distance = v[0] > 0.0 ? x[0] - set.lower : set.upper - x[0];
-        raise(r.complementarity, v[0] == 0.0 ? 0.0 : std::abs(distance * v[0]));
+        if (std::isinf(distance))  // no bound on that side that could answer for v
+          raise(r.dual, std::abs(v[0]));
+        else
+          raise(r.complementarity, std::abs(distance * v[0]));
         break;
       }
       case SetType::Equality:
@@ -64,12 +92,11 @@ Residual residual(const ContactProblem& problem, const ConstVectorRef& impulse, 
 
     // relative, in the scaled variables l = sqrt(d) impulse, t = s / sqrt(d) (T11, T12)
     const double root = std::sqrt(problem.scale()[o]);
-    double l[3], shifted[3];
-    for (Index k = 0; k < n; ++k) l[k] = root * x[k], shifted[k] = l[k] - v[k] / root;
+    double l[3], t[3];
+    for (Index k = 0; k < n; ++k) l[k] = root * x[k], t[k] = v[k] / root;
     ConstraintSet scaled = set;
     scaled.lower *= root, scaled.upper *= root;
-    project(scaled, shifted, p);
-    for (Index k = 0; k < n; ++k) e[k] = l[k] - p[k];
+    natural_map(scaled, l, t, e);
     raise(error, norm(e, n));
     raise(largest, norm(l, n));
     raise(free, norm(problem.free_velocity().data() + o, n) / root);

@@ -197,7 +197,7 @@ class Admm {
 void solve_admm(const ContactProblem& problem, const Settings& settings, AdmmWorkspace& w, const Guess* guess,
                 Solution& solution) {
   const int max_iterations = settings.max_iterations > 0 ? settings.max_iterations : kDefaultIterations;
-  w.problem.setup(problem, settings.admm.scaling);
+  w.problem.setup(problem, settings.tolerance, settings.admm.scaling);
   solution.iterations = solution.factorizations = 0;
   solution.history.clear();
   if (settings.record_history) solution.history.reserve(static_cast<std::size_t>(max_iterations));

@@ -19,23 +19,58 @@ constexpr int kFinish = 3, kLateFinish = 6, kLastFinish = 12;
 constexpr int kLate = 25;  // interior-point iterations after which Newton tries earlier
 constexpr double kLateFactor = 100.0;
 constexpr int kPatience = 15, kSteps = 60;
-constexpr int kBudget = 1000;  // factorisations, if settings.max_iterations does not say otherwise
+constexpr int kLarge = 250;  // sets beyond which the interior point only has to come near, for repair() to go on
+constexpr int kPatch = 100;  // sets of a patch
+constexpr int kPatchBudget = 150, kRepairRounds = 30;
+constexpr double kPatchTolerance = 1e-9;
+constexpr int kBudget = 2000;  // factorisations, if settings.max_iterations does not say otherwise
 
 /// Starts of the interior point, tried in turn: start scale, least centring, theta.
 constexpr InteriorPoint::Options kAttempts[] = {{30.0, 0.03, 1.0}, {1.0, 0.03, 0.95}, {1000.0, 0.03, 1.0},
                                                 {0.01, 0.03, 1.0}, {10.0, 0.1, 1.0},  {100.0, 0.03, 0.9}};
 
+/// For each set, the others that it acts on directly.
+std::vector<std::vector<int>> contact_graph(const ContactProblem& problem) {
+  std::vector<int> set_of(static_cast<std::size_t>(problem.size()));
+  for (Index i = 0; i < problem.num_sets(); ++i)
+    for (Index k = 0; k < problem.sets()[i].size(); ++k) set_of[problem.sets()[i].offset + k] = static_cast<int>(i);
+  std::vector<std::vector<int>> neighbours(static_cast<std::size_t>(problem.num_sets()));
+  const SparseMatrix matrix = problem.delassus().matrix();
+  for (Index c = 0; c < matrix.outerSize(); ++c)
+    for (SparseMatrix::InnerIterator it(matrix, c); it; ++it) {
+      std::vector<int>& list = neighbours[set_of[c]];
+      const int i = set_of[it.row()];
+      if (i != set_of[c] && (list.empty() || list.back() != i)) list.push_back(i);
+    }
+  return neighbours;
+}
+
+/// About `size` sets around `centre`, nearest first.
+std::vector<int> patch_around(const std::vector<std::vector<int>>& neighbours, int centre, int size) {
+  std::vector<int> patch{centre};
+  std::vector<std::uint8_t> inside(neighbours.size(), 0);
+  inside[centre] = 1;
+  for (std::size_t k = 0; k < patch.size() && static_cast<int>(patch.size()) < size; ++k)
+    for (const int i : neighbours[patch[k]])
+      if (!inside[i]) inside[i] = 1, patch.push_back(i);
+  return patch;
+}
+
+void solve_islands(const ContactProblem& problem, const Settings& settings, AutoWorkspace& w, const Guess* guess,
+                   bool may_repair, Solution& solution);
+
 /// One island being solved: the best iterate so far and what it cost.
 class Ladder {
  public:
   Ladder(ScaledProblem& problem, const ContactProblem& part, Law law, double tolerance, double global_reference,
-         int max_factorizations, AutoWorkspace& workspace, IterateObserver observe)
+         int max_factorizations, bool may_repair, AutoWorkspace& workspace, IterateObserver observe)
       : problem_(problem),
         part_(part),
         law_(law),
         tolerance_(tolerance),
-        slack_(std::max(1.0, global_reference / std::max(problem.reference, 1e-300))),
+        global_reference_(global_reference),
         max_factorizations_(max_factorizations),
+        may_repair_(may_repair),
         w_(workspace),
         observe_(std::move(observe)) {
     w_.newton.resize(problem.size(), problem.sets.num_sets());
@@ -51,17 +86,24 @@ class Ladder {
     if (done()) return;
     if (guess && newton(*guess, kWarmNewton)) return;
     if (guess && interior_point(guess, {}, kWarmPatience, kWarmSteps)) return;
+    const Index num_sets = problem_.sets.num_sets();
     for (const InteriorPoint::Options& options : kAttempts) {
-      if (interior_point(nullptr, options, kPatience, kSteps) || acceptable() || out_of_budget()) return;
+      if (interior_point(nullptr, options, kPatience, num_sets > kLarge ? kLate : kSteps)) return;
+      if (acceptable() || out_of_budget()) return;
+      if (may_repair_ && num_sets > kLarge && repair()) return;
       if (newton(Vector(w_.interior_point.impulse()), kLastFinish)) return;
     }
-    continuation();
+    if (continuation() || out_of_budget()) return;
+    if (may_repair_ && num_sets > kPatch) repair();
   }
 
  private:
   bool done() const { return best <= tolerance_; }
   /// Good enough for the whole problem, whose certificate has a larger scale than the island's.
-  bool acceptable() const { return best <= tolerance_ * slack_; }
+  bool acceptable() const {
+    const double scale = std::max(problem_.reference, std::sqrt(3.0) * w_.best.lpNorm<Eigen::Infinity>());
+    return best * scale <= tolerance_ * global_reference_;
+  }
   bool out_of_budget() const { return factorizations >= max_factorizations_; }
 
   void offer(const Vector& l, double relative, SolverType by) {
@@ -75,6 +117,7 @@ class Ladder {
   bool continuation() {
     const double best_before = best;
     const Vector before = w_.best;
+    const SolverType method_before = method;
     Vector l = Vector::Zero(problem_.size());
     double weight = 1.0, factor = 0.1, reached = 0.0;
     while (weight > 1e-9 && factor < 0.9 && !out_of_budget()) {
@@ -95,7 +138,92 @@ class Ladder {
     problem_.regularize(part_, 0.0);
     best = best_before;
     w_.best = before;
+    method = method_before;
     return reached > 0.0 && (newton(l, kLastFinish) || interior_point(&l, {}, kWarmPatience, kWarmSteps));
+  }
+
+  /// What holds a large island up are a few knots of contacts. Solves the patches around the worst contacts, the
+  /// impulses outside kept as they are, and lets Newton settle the whole after each round.
+  bool repair() {
+    const std::vector<std::vector<int>> neighbours = contact_graph(part_);
+    AutoWorkspace workspace;
+    Solution solution;
+    Settings settings;
+    settings.law = law_;
+    settings.tolerance = kPatchTolerance;
+    settings.max_iterations = kPatchBudget;
+    Vector l = w_.best, t(problem_.size()), natural(problem_.size());
+    std::vector<int> order(neighbours.size());
+    std::vector<double> error(order.size());
+    for (int round = 0; round < kRepairRounds && !out_of_budget(); ++round) {
+      w_.newton.l = l;
+      const NewtonResult result = newton_iterations(problem_, law_, tolerance_, kWarmNewton, w_.newton, observer());
+      iterations += result.iterations;
+      factorizations += result.factorizations;
+      offer(w_.newton.best, result.relative, SolverType::Newton);
+      if (done()) return true;
+      l = w_.newton.best;
+      for (int sweep = 0; sweep < 2; ++sweep) {
+        problem_.system->apply(l, t);
+        t += problem_.b;
+        natural_residual(problem_, law_, l, t, natural);
+        const double bar = 0.3 * tolerance_ * std::max(problem_.reference, l.lpNorm<Eigen::Infinity>());
+        std::vector<std::uint8_t> covered(order.size(), 0);
+        for (std::size_t i = 0; i < order.size(); ++i) {
+          const ConstraintSet& set = problem_.sets[static_cast<Index>(i)];
+          order[i] = static_cast<int>(i);
+          error[i] = natural.segment(set.offset, set.size()).norm();
+        }
+        std::sort(order.begin(), order.end(),
+                  [&](int a, int b) { return error[a] != error[b] ? error[a] > error[b] : a < b; });
+        for (const int centre : order) {
+          if (!(error[centre] > bar) || out_of_budget()) break;
+          if (covered[centre]) continue;
+          // Of changing size: a knot on a patch's edge would come back round after round.
+          const std::vector<int> patch = patch_around(neighbours, centre, kPatch * (1 + round % 3));
+          for (std::size_t k = 0; k <= patch.size() / 2; ++k) covered[patch[k]] = 1;  // the inner half
+          solve_patch(patch, settings, workspace, solution, l);
+        }
+      }
+    }
+    return newton(l, kLastFinish);
+  }
+
+  /// Solves the sets of `patch` for the impulses of the others in l, and writes the result into l.
+  void solve_patch(std::vector<int> patch, const Settings& settings, AutoWorkspace& workspace, Solution& solution,
+                   Vector& l) {
+    std::sort(patch.begin(), patch.end());
+    std::vector<Index> rows;
+    ConstraintSets sets;
+    for (const int i : patch) {
+      const ConstraintSet& set = part_.sets()[i];
+      for (Index k = 0; k < set.size(); ++k) rows.push_back(set.offset + k);
+      sets.add(set);
+    }
+    const auto count = static_cast<Index>(rows.size());
+    Vector impulse(part_.size()), velocity(part_.size());
+    problem_.to_impulse(l, impulse);
+    part_.velocity(impulse, velocity);
+    const std::shared_ptr<const DelassusOperator> delassus = part_.delassus().restrict(rows);
+    Guess guess;
+    guess.impulse.resize(count);
+    Vector own(count), free_velocity(count), compliance(count);
+    for (Index k = 0; k < count; ++k) {
+      guess.impulse[k] = impulse[rows[k]];
+      compliance[k] = part_.compliance()[rows[k]];
+      free_velocity[k] = velocity[rows[k]];
+    }
+    delassus->apply(guess.impulse, own);
+    free_velocity -= own + compliance.cwiseProduct(guess.impulse);
+    const ContactProblem problem(delassus, free_velocity, std::move(sets), compliance);
+    solution = Solution();
+    solve_islands(problem, settings, workspace, &guess, false, solution);
+    patch_work_ += static_cast<double>(solution.factorizations) * static_cast<double>(count);
+    for (Index k = 0; k < count; ++k) l[rows[k]] = solution.impulse[k] / (problem_.scale[rows[k]] * problem_.unit);
+    while (patch_work_ >= static_cast<double>(part_.size())) {  // a patch counts by its share of the rows
+      patch_work_ -= static_cast<double>(part_.size());
+      ++factorizations;
+    }
   }
 
   bool newton(const Vector& from, int max_iterations) {
@@ -143,16 +271,15 @@ class Ladder {
   ScaledProblem& problem_;
   const ContactProblem& part_;
   Law law_;
-  double tolerance_, slack_;
+  double tolerance_, global_reference_, patch_work_ = 0.0;
   int max_factorizations_;
+  bool may_repair_;  // false inside a patch
   AutoWorkspace& w_;
   IterateObserver observe_;
 };
 
-}  // namespace
-
-void solve_auto(const ContactProblem& problem, const Settings& settings, AutoWorkspace& w, const Guess* guess,
-                Solution& solution) {
+void solve_islands(const ContactProblem& problem, const Settings& settings, AutoWorkspace& w, const Guess* guess,
+                   bool may_repair, Solution& solution) {
   solution.impulse.setZero(problem.size());
   solution.solver = SolverType::Auto;
   if (guess) {
@@ -178,7 +305,7 @@ void solve_auto(const ContactProblem& problem, const Settings& settings, AutoWor
   for (std::size_t k = 0; k < islands.size(); ++k) {
     const Island& island = islands[k];
     const ContactProblem& part = island.problem ? *island.problem : problem;
-    w.problem.setup(part);
+    w.problem.setup(part, aim);
     const Vector* start = nullptr;
     Vector warm;
     if (guess) {
@@ -197,7 +324,8 @@ void solve_auto(const ContactProblem& problem, const Settings& settings, AutoWor
         recorder.record(solution.impulse, factorizations);
       };
     }
-    Ladder ladder(w.problem, part, settings.law, aim, reference / w.problem.unit, budget, w, std::move(observe));
+    Ladder ladder(w.problem, part, settings.law, aim, reference / w.problem.unit, budget, may_repair, w,
+                  std::move(observe));
     ladder.solve(start);
     solution.iterations = std::max(solution.iterations, ladder.iterations);
     solution.factorizations = std::max(solution.factorizations, ladder.factorizations);
@@ -208,6 +336,13 @@ void solve_auto(const ContactProblem& problem, const Settings& settings, AutoWor
     for (Index i = 0; i < part.size(); ++i) solution.impulse[island.row(i)] = w.impulse[i];
   }
   finish(problem, settings, out_of_iterations, solution);
+}
+
+}  // namespace
+
+void solve_auto(const ContactProblem& problem, const Settings& settings, AutoWorkspace& workspace, const Guess* guess,
+                Solution& solution) {
+  solve_islands(problem, settings, workspace, guess, true, solution);
 }
 
 }  // namespace signorini

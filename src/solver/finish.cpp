@@ -1,5 +1,7 @@
 #include "finish.hpp"
 
+#include "no_malloc.hpp"
+
 namespace signorini {
 
 void finish(const ContactProblem& problem, const Settings& settings, bool out_of_iterations, Solution& solution) {
@@ -17,6 +19,7 @@ void finish(const ContactProblem& problem, const Settings& settings, bool out_of
 
 void Recorder::record(const Vector& l, const ScaledProblem& scaled, int factorizations) {
   if (!settings_.record_history) return;
+  const AllowMalloc allow;
   Vector impulse(problem_.size());
   scaled.to_impulse(l, impulse);
   record(impulse, factorizations);
@@ -24,6 +27,7 @@ void Recorder::record(const Vector& l, const ScaledProblem& scaled, int factoriz
 
 void Recorder::record(const Vector& impulse, int factorizations) {
   if (!settings_.record_history) return;
+  const AllowMalloc allow;
   IterationRecord entry;
   entry.iteration = static_cast<int>(solution_.history.size());
   entry.factorizations = factorizations;

@@ -20,7 +20,7 @@ constexpr double kToBoundary = 0.99;
 constexpr double kLateCentring = 0.1;
 constexpr int kLate = 20;            // iterations after which centring is never less than kLateCentring
 constexpr int kHold = 8;             // iterations that a reduced theta is held, doubled at each recurrence
-constexpr double kEquality = 1e-10;  // keeps redundant equalities factorable
+constexpr double kEquality = 1e-10;  // keeps redundant one-row sets factorable
 
 using Vector3 = std::array<double, 3>;
 
@@ -174,7 +174,9 @@ void InteriorPoint::start(ScaledProblem& problem, Law law, const Vector* l_guess
     }
     for (Index i = 0; i < problem.sets.num_sets(); ++i) {
       const ConstraintSet& set = problem.sets[i];
-      if (set.type == SetType::Equality) l_[set.offset] = (*l_guess)[set.offset];
+      const bool free = set.type == SetType::Equality ||
+                        (set.type == SetType::Interval && std::isinf(set.lower) && std::isinf(set.upper));
+      if (free) l_[set.offset] = (*l_guess)[set.offset];
     }
   }
   evaluate();
@@ -222,7 +224,7 @@ bool InteriorPoint::factor() {
   const double theta = law_ == Law::Ccp ? 0.0 : theta_;
   for (Eigen::Matrix3d& block : x_) block.setZero();
   for (Index i = 0; i < problem_->sets.num_sets(); ++i)
-    if (problem_->sets[i].type == SetType::Equality) x_[static_cast<std::size_t>(i)](0, 0) = kEquality;
+    if (problem_->sets[i].size() == 1) x_[static_cast<std::size_t>(i)](0, 0) = kEquality;
   for (const Element& e : elements_) {
     Eigen::Matrix3d& block = x_[static_cast<std::size_t>(e.set)];
     if (e.line) {
@@ -364,7 +366,7 @@ bool InteriorPoint::step() {
 void solve_interior_point(const ContactProblem& problem, const Settings& settings, InteriorPointWorkspace& w,
                           const Guess* guess, Solution& solution) {
   constexpr int kWarmPatience = 10;  // steps without halving after which a warm start is given up
-  w.problem.setup(problem);
+  w.problem.setup(problem, 0.5 * settings.tolerance);
   InteriorPoint& method = w.method;
   Recorder recorder(problem, settings, solution);
   const double aim = 0.5 * settings.tolerance;

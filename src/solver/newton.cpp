@@ -112,7 +112,10 @@ NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance
     std::swap(m.t, m.trial_t);
     std::swap(m.natural, m.trial_natural);
     if (!(relative >= result.relative)) result.relative = relative, m.best = m.l;
-    if (observe) observe(m.l, result.factorizations);
+    if (observe) {
+      const AllowMalloc allow;
+      observe(m.l, result.factorizations);
+    }
     if (std::isnan(relative)) break;
   }
   // The answer lies in the cones where that costs nothing.
@@ -124,7 +127,7 @@ NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance
 
 void solve_newton(const ContactProblem& problem, const Settings& settings, NewtonWorkspace& w, const Guess* guess,
                   Solution& solution) {
-  w.problem.setup(problem);
+  w.problem.setup(problem, 0.5 * settings.tolerance);
   w.memory.resize(problem.size(), problem.num_sets());
   if (guess)
     w.problem.from_impulse(guess->impulse, w.memory.l);

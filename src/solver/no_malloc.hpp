@@ -23,4 +23,22 @@ class NoMalloc {
   NoMalloc& operator=(const NoMalloc&) = delete;
 };
 
+/// While one lives, allocations are allowed again: what records a history needs them.
+class AllowMalloc {
+ public:
+#ifdef SIGNORINI_NO_MALLOC
+  AllowMalloc() : before_(Eigen::internal::is_malloc_allowed()) { Eigen::internal::set_is_malloc_allowed(true); }
+  ~AllowMalloc() { Eigen::internal::set_is_malloc_allowed(before_); }
+
+ private:
+  bool before_;
+
+ public:
+#else
+  AllowMalloc() {}
+#endif
+  AllowMalloc(const AllowMalloc&) = delete;
+  AllowMalloc& operator=(const AllowMalloc&) = delete;
+};
+
 }  // namespace signorini

@@ -7,14 +7,15 @@
 
 namespace signorini {
 
-void ScaledProblem::setup(const ContactProblem& problem, bool scaled) {
+void ScaledProblem::setup(const ContactProblem& problem, double tolerance, bool scaled) {
+  share_weight = tolerance / (0.5 * Residual::kLargestShare);
   const Index n = problem.size();
   scale = scaled ? Vector(problem.scale().cwiseSqrt().cwiseInverse()) : Vector::Ones(n);
   b = scale.cwiseProduct(problem.free_velocity());
   unit = 1.0;
   if (scaled && n > 0) {
     const double largest = b.cwiseAbs().maxCoeff();
-    if (largest > 0.0) unit = largest;
+    if (largest > 0.0) unit = std::max(largest, 1e-200);
     b /= unit;
   }
   reference = 0.0;
@@ -24,6 +25,12 @@ void ScaledProblem::setup(const ContactProblem& problem, bool scaled) {
     ConstraintSet scaled_set = set;
     const double factor = 1.0 / (scale[set.offset] * unit);
     scaled_set.lower *= factor, scaled_set.upper *= factor;
+    if (set.type == SetType::Interval) {
+      const double zero = 0.0;
+      double imposed;
+      project(scaled_set, &zero, &imposed);
+      reference = std::max(reference, std::abs(imposed));
+    }
     sets.add(scaled_set);
   }
   problem.delassus().prepare(problem.sets(), scale, problem.compliance(), system);
@@ -60,7 +67,10 @@ double natural_residual(const ScaledProblem& problem, Law law, const ConstVector
       if (std::abs(l[o]) > largest) largest = std::abs(l[o]);
     }
   }
-  return largest > 0.0 ? error / largest : error;
+  if (!(largest > 0.0)) return error;
+  const double relative = error / largest;
+  const double share = problem.reference > 0.0 ? problem.share_weight * error / problem.reference : 0.0;
+  return share > relative ? share : relative;  // NaN stays
 }
 
 }  // namespace signorini

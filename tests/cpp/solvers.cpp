@@ -266,7 +266,7 @@ BOOST_AUTO_TEST_CASE(history_ends_with_the_answer) {
 }
 
 BOOST_AUTO_TEST_CASE(newton_interior_point_and_auto_keep_a_history_too) {
-  const Planted planted = plant(42, 4, Law::Ncp);
+  const Planted planted = plant(42, 3, Law::Ncp);  // one island
   Guess guess;
   guess.impulse = planted.impulse + 1e-3 * Random(47).vector(planted.problem.size());
   for (const SolverType solver : {SolverType::Auto, SolverType::InteriorPoint, SolverType::Newton}) {

@@ -111,7 +111,7 @@ def test_what_has_no_solution_is_said(tmp_path):
     assert result.exit_code == 1
     assert "0 of 1 solved" in result.stdout
     residual = load((tmp_path / "out.json").read_text())["results"][0]["residual"]
-    assert residual["against_free_velocity"] > 0.1
+    assert residual["against_free_velocity"] > 0.1  # Residual.solves
     assert ("without solution" in result.stdout) == (residual["relative"] <= 0.01)
 
 

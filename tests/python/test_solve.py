@@ -227,19 +227,17 @@ def unsolvable():
     yield ContactProblem(np.array([[1.0, -1], [-1, 1]]), [-1.0, -1], constraints=[HalfLine(), HalfLine()])
 
 
-@pytest.mark.parametrize("problem", unsolvable(), ids=["contacts", "half lines"])
+@pytest.mark.parametrize("problem", list(unsolvable()), ids=["contacts", "half lines"])
 @pytest.mark.parametrize("law", ["ncp", "ccp"])
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_what_has_no_solution_is_never_solved(solver, law, problem):
-    step = 3 if problem.num_contacts else 1
-    huge = np.zeros(problem.size)
-    huge[step - 1 :: step] = 1e12
+    huge = np.array([0.0, 0, 1, 0, 0, 1e12]) if problem.num_contacts else np.full(2, 1e12)
     for guess in (None, huge):
         for tolerance in (1e-8, 1e-6, 1e-2):
             s = signorini.solve(problem, solver, law, tolerance, guess=guess)
             assert not s.solved
             assert not s.residual.solves(tolerance)
-            assert s.residual.against_free_velocity > 0.1
+            assert s.residual.against_free_velocity > _core.Residual.largest_share
             assert np.isfinite(s.impulse).all()
     r = signorini.residual(problem, huge, law)
     assert r.relative <= 1e-11  # which alone would call it solved

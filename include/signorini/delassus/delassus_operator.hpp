@@ -22,6 +22,8 @@ class DelassusOperator {
   virtual SparseMatrix matrix() const = 0;
   /// max |G - G^T| / max |G| of what was given.
   virtual double asymmetry() const { return 0.0; }
+  /// True when G is positive semidefinite whatever its entries.
+  virtual bool definite_by_construction() const { return false; }
   /// A label 0, 1, ... for each set: sets with different labels do not act on each other, directly or through others.
   virtual std::vector<int> islands(const ConstraintSets& sets) const = 0;
   /// The operator of some of the rows, in the given order: whole islands.

@@ -19,6 +19,7 @@ class MassSpaceDelassus final : public DelassusOperator {
   void apply(const ConstVectorRef& x, VectorRef y) const override;
   void diagonal(VectorRef diagonal) const override;
   SparseMatrix matrix() const override;
+  bool definite_by_construction() const override { return true; }
   double asymmetry() const override { return asymmetry_; }
   std::vector<int> islands(const ConstraintSets& sets) const override;
   std::shared_ptr<const DelassusOperator> restrict(const std::vector<Index>& rows) const override;
@@ -30,7 +31,6 @@ class MassSpaceDelassus final : public DelassusOperator {
 
   SparseMatrix mass_, jacobian_;
   SparseMatrix inverse_mass_jacobian_;  // M^-1 J^T, nv x n
-  SparseMatrix delassus_;               // G, to apply it without temporaries
   double asymmetry_ = 0.0;
 };
 

@@ -8,8 +8,8 @@ namespace signorini {
 /// as soon as anything is NaN.
 /// With sigma = (G + R) impulse + g and s = sigma + Gamma(sigma), maxima over the sets:
 struct Residual {
-  double primal = 0.0;           ///< dist(impulse, K) [N s]
-  double dual = 0.0;             ///< dist(s, K*) [m/s]; |s| for an equality, 0 for an interval
+  double primal = 0.0;  ///< dist(impulse, K) [N s]
+  double dual = 0.0;  ///< dist(s, K*) [m/s]; |s| for an equality or towards a bound at infinity; else 0 for an interval
   double complementarity = 0.0;  ///< |impulse . s| [J]; for an interval (x - lower) s+ + (upper - x) s-
   /// The number that judges, free of units and scale (T12): max |l - P_K(l - t)| / max(max |l|, max |g| / sqrt(d)) with
   /// l = sqrt(d) impulse, t = s / sqrt(d), d = ContactProblem::scale().

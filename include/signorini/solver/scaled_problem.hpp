@@ -17,10 +17,14 @@ struct ScaledProblem {
   Vector b;
   double unit = 1.0;
   double reference = 0.0;  ///< max over the sets of |b_i|: the certificate's scale when impulses are smaller
+  /// What natural_residual adds to the relative residual so that both tests of Residual::solves are one: the residual
+  /// over `reference` times this.
+  double share_weight = 0.0;
   std::unique_ptr<ScaledDelassus> system;
 
-  /// Sizes and fills everything. scaled = false: S = I, unit = 1.
-  void setup(const ContactProblem& problem, bool scaled = true);
+  /// Sizes and fills everything. tolerance: what the caller will compare natural_residual with.
+  /// scaled = false: S = I, unit = 1.
+  void setup(const ContactProblem& problem, double tolerance, bool scaled = true);
 
   /// Makes A stand for A + weight I: a compliance of `weight` times the diagonal. 0: the problem itself again.
   void regularize(const ContactProblem& problem, double weight);
@@ -30,8 +34,9 @@ struct ScaledProblem {
   void from_impulse(const ConstVectorRef& impulse, VectorRef l) const { l = impulse.cwiseQuotient(scale) / unit; }
 };
 
-/// The certificate's relative residual of l (T15), from its velocity t = A l + b (without Gamma), when scaled with S.
-/// natural, n values, receives l - P_K(l - (t + Gamma(t))). Allocates nothing.
+/// The certificate's relative residual of l (T15), or the residual over `reference` times share_weight if larger, from
+/// its velocity t = A l + b (without Gamma), when scaled with S. natural, n values, receives l - P_K(l - (t +
+/// Gamma(t))). Allocates nothing.
 double natural_residual(const ScaledProblem& problem, Law law, const ConstVectorRef& l, const ConstVectorRef& t,
                         VectorRef natural);
 
