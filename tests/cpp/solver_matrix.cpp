@@ -19,8 +19,8 @@ std::vector<Method> methods() {
   std::vector<Method> all;
   for (const SolverType solver : kAllSolvers) {
     // Newton promises nothing from far away; Gauss-Seidel is slow. The interior point alone, with nothing to finish it,
-    // ends between 1e-8 (explicit G) and 3e-6 (mass space) on the CCP.
-    const double tolerance = solver == SolverType::Pgs ? 1e-6 : solver == SolverType::InteriorPoint ? 1e-5 : 1e-8;
+    // ends between 1e-8 (explicit G) and 4e-5 (mass space) on the CCP.
+    const double tolerance = solver == SolverType::Pgs ? 1e-6 : solver == SolverType::InteriorPoint ? 1e-4 : 1e-8;
     all.push_back({signorini::name(solver), settings_for(solver, tolerance), solver != SolverType::Newton});
   }
   for (const PenaltyRule rule :
