@@ -158,8 +158,8 @@ class ContactProblem:
         if constraints is None:
             if n % 3 != 0:
                 raise InvalidInputError(f"delassus: has {n} rows, must have 3 for each contact")
-            if isinstance(friction, (int, float)):
-                friction = np.full(n // 3, _arrays.number("friction", friction))
+            if isinstance(friction, (int, float)) or getattr(friction, "shape", None) == ():
+                friction = np.full(n // 3, _arrays.number("friction", np.asarray(friction).item()))
             mu = _arrays.vector("friction", friction, n // 3)
             self._constraints: tuple[Constraint, ...] | None = None
             sets = _core.ConstraintSets.friction_cones(mu)

@@ -301,6 +301,7 @@ void solve_islands(const ContactProblem& problem, const Settings& settings, Auto
   const std::vector<Island> islands = find_islands(problem);
   bool out_of_iterations = false;
   Index largest = -1;
+  int history_factorizations = 0;  // of the islands so far, one after the other
   Recorder recorder(problem, settings, solution);
   for (std::size_t k = 0; k < islands.size(); ++k) {
     const Island& island = islands[k];
@@ -316,17 +317,19 @@ void solve_islands(const ContactProblem& problem, const Settings& settings, Auto
       start = &warm;
     }
     IterateObserver observe;
+    const int before = history_factorizations;
     if (settings.record_history) {
       observe = [&](const Vector& l, int factorizations) {
         Vector impulse(part.size());
         w.problem.to_impulse(l, impulse);
         for (Index i = 0; i < part.size(); ++i) solution.impulse[island.row(i)] = impulse[i];
-        recorder.record(solution.impulse, factorizations);
+        recorder.record(solution.impulse, before + factorizations);
       };
     }
     Ladder ladder(w.problem, part, settings.law, aim, reference / w.problem.unit, budget, may_repair, w,
                   std::move(observe));
     ladder.solve(start);
+    history_factorizations += ladder.factorizations;
     solution.iterations = std::max(solution.iterations, ladder.iterations);
     solution.factorizations = std::max(solution.factorizations, ladder.factorizations);
     if (part.size() > largest) largest = part.size(), solution.solver = ladder.method;

@@ -214,3 +214,9 @@ def test_import_leaves_the_slow_packages_alone():
     slow = "scipy h5py typer rich matplotlib"
     code = f"import sys, signorini; print([m for m in '{slow}'.split() if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+@pytest.mark.parametrize("friction", [0.5, np.float32(0.5), np.float64(0.5), np.array(0.5)])
+def test_one_friction_of_any_number_type_serves_all(friction: object) -> None:
+    problem = signorini.ContactProblem(np.eye(6), np.zeros(6), friction)
+    assert problem.friction.tolist() == [0.5, 0.5]
