@@ -8,6 +8,7 @@
 
 #include "finish.hpp"
 #include "signorini/problem/island.hpp"
+#include "signorini/solver/admm.hpp"
 
 namespace signorini {
 namespace {
@@ -23,7 +24,8 @@ constexpr int kLarge = 250;  // sets beyond which the interior point only has to
 constexpr int kPatch = 100;  // sets of a patch
 constexpr int kPatchBudget = 150, kRepairRounds = 30;
 constexpr double kPatchTolerance = 1e-9;
-constexpr int kBudget = 2000;  // factorisations, if settings.max_iterations does not say otherwise
+constexpr int kFirstOrder = 5000;  // iterations of ADMM, at the very end
+constexpr int kBudget = 2000;      // factorisations, if settings.max_iterations does not say otherwise
 
 /// Starts of the interior point, tried in turn: start scale, least centring, theta.
 constexpr InteriorPoint::Options kAttempts[] = {{30.0, 0.03, 1.0}, {1.0, 0.03, 0.95}, {1000.0, 0.03, 1.0},
@@ -89,12 +91,14 @@ class Ladder {
     const Index num_sets = problem_.sets.num_sets();
     for (const InteriorPoint::Options& options : kAttempts) {
       if (interior_point(nullptr, options, kPatience, num_sets > kLarge ? kLate : kSteps)) return;
-      if (acceptable() || out_of_budget()) return;
+      if (acceptable()) return;
+      if (out_of_budget()) break;
       if (may_repair_ && num_sets > kLarge && repair()) return;
       if (newton(Vector(w_.interior_point.impulse()), kLastFinish)) return;
     }
-    if (continuation() || out_of_budget()) return;
-    if (may_repair_ && num_sets > kPatch) repair();
+    if (continuation()) return;
+    if (may_repair_ && num_sets > kPatch && !out_of_budget() && repair()) return;
+    if (may_repair_ && max_factorizations_ >= kBudget) first_order();
   }
 
  private:
@@ -111,6 +115,26 @@ class Ladder {
     best = relative;
     method = by;
     w_.best = l;
+  }
+
+  /// Slow, but it wanders less than it jumps: ADMM comes nearest where all else fails.
+  void first_order() {
+    Settings settings;
+    settings.law = law_;
+    settings.tolerance = tolerance_;
+    settings.max_iterations = kFirstOrder;
+    AdmmWorkspace workspace;
+    Solution solution;
+    solution.impulse.setZero(part_.size());
+    solve_admm(part_, settings, workspace, nullptr, solution);
+    factorizations += solution.factorizations;
+    iterations += solution.iterations;
+    Vector l(part_.size()), t(part_.size());
+    problem_.from_impulse(solution.impulse, l);
+    problem_.system->apply(l, t);
+    t += problem_.b;
+    offer(l, natural_residual(problem_, law_, l, t, w_.newton.natural), SolverType::Admm);
+    if (!done()) newton(l, kLastFinish);
   }
 
   /// Follows the solution of A + weight I (T38), easy for large weights, as the weight falls to 0.
