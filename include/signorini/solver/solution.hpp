@@ -18,7 +18,7 @@ struct IterationRecord {
   int iteration = 0;
   int factorizations = 0;  ///< so far; auto: of all islands, one after the other
   double penalty = 0.0;    ///< ADMM's rho, 0 elsewhere
-  Residual residual;     ///< of the true problem, at this iteration's impulse
+  Residual residual;       ///< of the true problem, at this iteration's impulse
 };
 
 /// Complete also when a solve fails.
