@@ -2,7 +2,7 @@
 
 namespace signorini {
 
-/// Dense kernels on column-major arrays, compiled once per instruction set and chosen when the library loads.
+/// Dense kernels on column-major arrays, compiled once per instruction set and chosen at the first use.
 /// A front is a partly summed matrix whose first p columns and rows are eliminated:
 ///     [ F11 F12 ]      L = [F11; F21], n x p, holds the factors of F11 and L21 afterwards
 ///     [ F21 F22 ]      U = F12, p x u, holds U12 afterwards; S = F22, u x u, the Schur complement; n = p + u

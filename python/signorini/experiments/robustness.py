@@ -116,7 +116,7 @@ def _report(
             bad = [(name, one) for name, one, fine in zip(names, runs, solved, strict=True) if not fine]
             bad.sort(key=lambda pair: -(np.inf if pair[1]["relative"] is None else pair[1]["relative"]))
             failures += [(family, *pair) for pair in bad if pair[0] not in UNSOLVABLE]
-            count += len(runs)
+            count += sum(name not in UNSOLVABLE for name in names)
             numbers["stresses"][stress][family] = {
                 "problems": len(runs),
                 "solved": int(sum(solved)),
