@@ -120,9 +120,12 @@ bool worth_merging(const Node& child, const Node& parent, double* zeros) {
 
 void BlockLu::analyze(const std::vector<int>& block_sizes, const Lists& neighbours) {
   const int num_blocks = static_cast<int>(block_sizes.size());
-  std::vector<int> offset(block_sizes.size() + 1, 0);
-  for (int i = 0; i < num_blocks; ++i) offset[i + 1] = offset[i] + block_sizes[i];
-  size_ = offset[num_blocks];
+  offsets_.assign(block_sizes.size(), 0);
+  size_ = 0;
+  for (int i = 0; i < num_blocks; ++i) {
+    offsets_[i] = static_cast<int>(size_);
+    size_ += block_sizes[i];
+  }
   sign_ = 0;
 
   // Storage of the matrix.
@@ -221,41 +224,71 @@ void BlockLu::analyze(const std::vector<int>& block_sizes, const Lists& neighbou
 
   supernodes_.assign(post.size(), Supernode());
   children_.assign(post.size(), {});
-  std::vector<int> row_of(block_sizes.size());  // first row of each block, in elimination order
-  std::vector<int> node_of_block(block_sizes.size());
-  permutation_.resize(static_cast<std::size_t>(size_));
-  Index row = 0;
+  front_blocks_.clear();
+  std::vector<int> rank(block_sizes.size());      // of each block, in the order of elimination
+  std::vector<int> super_of(block_sizes.size());  // in which it is a pivot
+  std::vector<int> place_of(block_sizes.size());  // its position among the pivots there
+  int next_rank = 0;
   for (std::size_t k = 0; k < post.size(); ++k) {
     Node& node = nodes[kept[post[k]]];
     Supernode& super = supernodes_[k];
     std::sort(node.pivots.begin(), node.pivots.end());
-    super.first = static_cast<int>(row);
-    super.pivots = node.p;
-    super.updates = node.u;
     super.parent = node_parent[post[k]] < 0 ? -1 : new_index[node_parent[post[k]]];
     if (super.parent >= 0) children_[super.parent].push_back(static_cast<int>(k));
-    for (const int block : node.pivots) {
-      row_of[block] = static_cast<int>(row);
-      node_of_block[block] = static_cast<int>(k);
-      for (int r = 0; r < size_of(block); ++r) permutation_[row++] = offset[order[block]] + r;
+    super.pivot_blocks = static_cast<int>(node.pivots.size());
+    super.update_blocks = static_cast<int>(node.updates.size());
+    for (std::size_t position = 0; position < node.pivots.size(); ++position) {
+      const int block = order[node.pivots[position]];
+      rank[block] = next_rank++;
+      super_of[block] = static_cast<int>(k);
+      place_of[block] = static_cast<int>(position);
     }
   }
+  for (std::size_t k = 0; k < post.size(); ++k) {
+    Node& node = nodes[kept[post[k]]];
+    Supernode& super = supernodes_[k];
+    super.blocks = static_cast<int>(front_blocks_.size());
+    for (const int position : node.pivots) front_blocks_.push_back(order[position]);
+    for (const int position : node.updates) front_blocks_.push_back(order[position]);
+    std::sort(front_blocks_.end() - super.update_blocks, front_blocks_.end(),
+              [&](int x, int y) { return rank[x] < rank[y]; });
+  }
+  const auto position_in = [&](const Supernode& super, int block) {
+    if (&supernodes_[super_of[block]] == &super) return place_of[block];
+    const int* first = front_blocks_.data() + super.blocks + super.pivot_blocks;
+    const int* found =
+        std::lower_bound(first, first + super.update_blocks, block, [&](int x, int y) { return rank[x] < rank[y]; });
+    return super.pivot_blocks + static_cast<int>(found - first);
+  };
+  parent_position_.assign(front_blocks_.size(), -1);
+  for (const Supernode& super : supernodes_) {
+    if (super.parent < 0) continue;
+    for (int k = super.pivot_blocks; k < super.pivot_blocks + super.update_blocks; ++k)
+      parent_position_[super.blocks + k] = position_in(supernodes_[super.parent], front_blocks_[super.blocks + k]);
+  }
+  // Block (a, b), b eliminated first, lies in b's L; block (b, a) in b's U, or in its L when a is a pivot there too.
+  std::vector<std::vector<BlockEntry>> entries(supernodes_.size());
+  for (const Pair& pair : pairs_) {
+    int a = pair.i, b = pair.j;
+    Index ab = pair.lower, ba = pair.upper;
+    if (rank[a] < rank[b]) std::swap(a, b), std::swap(ab, ba);
+    const Supernode& super = supernodes_[super_of[b]];
+    entries[super_of[b]].push_back({ab, ba, position_in(super, a), position_in(super, b)});
+  }
+  block_entries_.clear();
+  for (std::size_t k = 0; k < supernodes_.size(); ++k) {
+    block_entries_.insert(block_entries_.end(), entries[k].begin(), entries[k].end());
+    supernodes_[k].block_entries = static_cast<int>(block_entries_.size());
+  }
 
-  // Rows, positions in the parents' fronts, storage.
-  rows_.clear();
-  relative_.clear();
+  // Room for the largest sizes.
+  entries_.reserve(2 * pairs_.size());
+  sizes_.clear();
+  set_sizes(block_sizes);
   Index num_factors = 0, stack = 0, top = 0, largest = 0, widest = 0;
   for (std::size_t k = 0; k < supernodes_.size(); ++k) {
-    Supernode& super = supernodes_[k];
-    Node& node = nodes[kept[post[k]]];
-    std::sort(node.updates.begin(), node.updates.end(), [&](int a, int b) { return row_of[a] < row_of[b]; });
-    super.rows = static_cast<Index>(rows_.size());
-    for (const int block : node.updates)
-      for (int r = 0; r < size_of(block); ++r) rows_.push_back(row_of[block] + r);
-    const Index n = super.pivots + super.updates, u = super.updates;
-    super.lower = num_factors;
-    super.upper = num_factors + n * super.pivots;
-    num_factors = super.upper + static_cast<Index>(super.pivots) * u;
+    const Index p = supernodes_[k].pivots, u = supernodes_[k].updates;
+    num_factors += (p + 2 * u) * p;
     // The stack holds the children's updates until the parent has taken them.
     for (const int c : children_[k]) top -= static_cast<Index>(supernodes_[c].updates) * supernodes_[c].updates;
     top += u * u;
@@ -263,100 +296,134 @@ void BlockLu::analyze(const std::vector<int>& block_sizes, const Lists& neighbou
     largest = std::max(largest, u * u);
     widest = std::max(widest, u);
   }
-  relative_.resize(rows_.size());
-  for (Supernode& super : supernodes_) {
-    super.relative = super.rows;
-    if (super.parent < 0) continue;
-    const Supernode& up = supernodes_[super.parent];
-    const int* first = rows_.data() + up.rows;
-    for (int i = 0; i < super.updates; ++i) {
-      const int r = rows_[super.rows + i];
-      const int local = r - up.first;
-      relative_[super.relative + i] =
-          local < up.pivots ? local
-                            : up.pivots + static_cast<int>(std::lower_bound(first, first + up.updates, r) - first);
-    }
-  }
   factors_.assign(static_cast<std::size_t>(num_factors), 0.0);
   stack_.assign(static_cast<std::size_t>(stack), 0.0);
   schur_.assign(static_cast<std::size_t>(largest), 0.0);
   pivots_.assign(static_cast<std::size_t>(size_), 0);
   x_.assign(static_cast<std::size_t>(size_), 0.0);
   update_.assign(static_cast<std::size_t>(widest), 0.0);
+}
 
-  // Where each block of the matrix goes: block (a, b) with b eliminated first lies in b's L; block (b, a) in b's U,
-  // or in its L when a is a pivot of the same supernode.
-  std::vector<std::vector<Entry>> entries(supernodes_.size());
-  std::vector<int> position(block_sizes.size());
-  for (int k = 0; k < num_blocks; ++k) position[order[k]] = k;
-  for (const Pair& pair : pairs_) {
-    int a = pair.i, b = pair.j;
-    Index ab = pair.lower, ba = pair.upper;
-    if (row_of[position[a]] < row_of[position[b]]) std::swap(a, b), std::swap(ab, ba);
-    const int ra = row_of[position[a]], rb = row_of[position[b]];
-    const int k = node_of_block[position[b]];
-    const Supernode& super = supernodes_[k];
-    const int n = super.pivots + super.updates, column = rb - super.first;
-    const int na = block_sizes[a], nb = block_sizes[b];
-    if (ra - super.first < super.pivots) {
-      const int r = ra - super.first;
-      entries[k].push_back({ab, super.lower + static_cast<Index>(column) * n + r, na, nb, n});
-      if (a != b) entries[k].push_back({ba, super.lower + static_cast<Index>(r) * n + column, nb, na, n});
-    } else {
-      const int* first = rows_.data() + super.rows;
-      const int r = static_cast<int>(std::lower_bound(first, first + super.updates, ra) - first);
-      entries[k].push_back({ab, super.lower + static_cast<Index>(column) * n + super.pivots + r, na, nb, n});
-      entries[k].push_back({ba, super.upper + static_cast<Index>(r) * super.pivots + column, nb, na, super.pivots});
+void BlockLu::set_sizes(const std::vector<int>& block_sizes) {
+  if (block_sizes == sizes_) return;
+  sizes_ = block_sizes;
+  front_rows_.resize(front_blocks_.size());
+  row_of_.resize(sizes_.size());
+  permutation_.clear();
+  int row = 0;
+  for (Supernode& super : supernodes_) {
+    super.first = row;
+    for (int k = 0; k < super.pivot_blocks; ++k) {
+      const int block = front_blocks_[super.blocks + k];
+      front_rows_[super.blocks + k] = row - super.first;
+      row_of_[block] = row;
+      for (int r = 0; r < sizes_[block]; ++r) permutation_.push_back(offsets_[block] + r);
+      row += sizes_[block];
+    }
+    super.pivots = row - super.first;
+  }
+  rows_.clear();
+  Index num_factors = 0;
+  for (Supernode& super : supernodes_) {
+    super.rows = static_cast<Index>(rows_.size());
+    super.updates = 0;
+    for (int k = super.pivot_blocks; k < super.pivot_blocks + super.update_blocks; ++k) {
+      const int block = front_blocks_[super.blocks + k];
+      front_rows_[super.blocks + k] = super.pivots + super.updates;
+      super.updates += sizes_[block];
+      for (int r = 0; r < sizes_[block]; ++r) rows_.push_back(row_of_[block] + r);
+    }
+    super.lower = num_factors;
+    super.upper = num_factors + static_cast<Index>(super.pivots + super.updates) * super.pivots;
+    num_factors = super.upper + static_cast<Index>(super.pivots) * super.updates;
+  }
+  relative_.clear();
+  for (const Supernode& super : supernodes_) {
+    for (int k = super.pivot_blocks; k < super.pivot_blocks + super.update_blocks; ++k) {
+      const int up =
+          super.parent < 0 ? 0 : front_rows_[supernodes_[super.parent].blocks + parent_position_[super.blocks + k]];
+      for (int r = 0; r < sizes_[front_blocks_[super.blocks + k]]; ++r) relative_.push_back(up + r);
     }
   }
   entries_.clear();
-  for (std::size_t k = 0; k < supernodes_.size(); ++k) {
-    supernodes_[k].entries_begin = static_cast<Index>(entries_.size());
-    entries_.insert(entries_.end(), entries[k].begin(), entries[k].end());
-    supernodes_[k].entries_end = static_cast<Index>(entries_.size());
+  int e = 0;
+  for (Supernode& super : supernodes_) {
+    super.entries_begin = static_cast<Index>(entries_.size());
+    const int n = super.pivots + super.updates, p = super.pivots;
+    const int *blocks = front_blocks_.data() + super.blocks, *first_rows = front_rows_.data() + super.blocks;
+    for (; e < super.block_entries; ++e) {
+      const BlockEntry& entry = block_entries_[e];
+      const int na = sizes_[blocks[entry.a]], nb = sizes_[blocks[entry.b]];
+      if (na == 0 || nb == 0) continue;
+      const Index a = first_rows[entry.a], b = first_rows[entry.b];
+      entries_.push_back({entry.ab, super.lower + b * n + a, na, nb, n, true});
+      if (entry.a == entry.b) continue;
+      if (entry.a < super.pivot_blocks)
+        entries_.push_back({entry.ba, super.lower + a * n + b, nb, na, n, false});
+      else
+        entries_.push_back({entry.ba, super.upper + (a - p) * p + b, nb, na, p, false});
+    }
+    super.entries_end = static_cast<Index>(entries_.size());
+  }
+}
+
+void BlockLu::extend_add(const Supernode& super, double*& top, const std::vector<int>& children) {
+  const int p = super.pivots, u = super.updates, n = p + u;
+  double* l = factors_.data() + super.lower;
+  double* up = factors_.data() + super.upper;
+  for (auto c = children.rbegin(); c != children.rend(); ++c) {  // the last child's is on top of the stack
+    const Supernode& child = supernodes_[*c];
+    const int m = child.updates;
+    const int* rows = relative_.data() + child.rows;
+    top -= static_cast<Index>(m) * m;
+    const double* from = top;
+    const int inside = static_cast<int>(std::lower_bound(rows, rows + m, p) - rows);
+    for (int j = 0; j < m; ++j, from += m) {
+      if (j < inside) {
+        double* to = l + static_cast<Index>(rows[j]) * n;
+        for (int i = 0; i < m; ++i) to[rows[i]] += from[i];
+      } else {
+        double* to = up + static_cast<Index>(rows[j] - p) * p;
+        for (int i = 0; i < inside; ++i) to[rows[i]] += from[i];
+        to = schur_.data() + static_cast<Index>(rows[j] - p) * u - p;
+        for (int i = inside; i < m; ++i) to[rows[i]] += from[i];
+      }
+    }
+  }
+}
+
+void BlockLu::extend_add_symmetric(const Supernode& super, double*& top, const std::vector<int>& children) {
+  const int p = super.pivots, u = super.updates, n = p + u;
+  for (auto c = children.rbegin(); c != children.rend(); ++c) {
+    const Supernode& child = supernodes_[*c];
+    const int m = child.updates;
+    const int* rows = relative_.data() + child.rows;
+    top -= static_cast<Index>(m) * m;
+    const double* from = top;
+    for (int j = 0; j < m; ++j, from += m) {
+      double* to = rows[j] < p ? factors_.data() + super.lower + static_cast<Index>(rows[j]) * n
+                               : schur_.data() + static_cast<Index>(rows[j] - p) * u - p;
+      for (int i = j; i < m; ++i) to[rows[i]] += from[i];
+    }
   }
 }
 
 bool BlockLu::factor() {
   const DenseKernels& kernels = dense_kernels();
   sign_ = 1;
-  std::fill(factors_.begin(), factors_.end(), 0.0);
+  symmetric_ = false;
   double* top = stack_.data();
   for (std::size_t k = 0; k < supernodes_.size(); ++k) {
     const Supernode& super = supernodes_[k];
-    const int p = super.pivots, u = super.updates, n = p + u;
+    const int p = super.pivots, u = super.updates;
     double* l = factors_.data() + super.lower;
     double* up = factors_.data() + super.upper;
     double* schur = schur_.data();
+    std::memset(l, 0, static_cast<std::size_t>(p + 2 * u) * p * sizeof(double));  // and U, which follows
     if (u > 0) std::memset(schur, 0, static_cast<std::size_t>(u) * u * sizeof(double));
-    for (Index e = super.entries_begin; e < super.entries_end; ++e) {
-      const Entry& entry = entries_[e];
-      const double* from = values_.data() + entry.value;
-      double* to = factors_.data() + entry.target;
-      for (int c = 0; c < entry.columns; ++c)
-        for (int r = 0; r < entry.rows; ++r) to[c * entry.stride + r] = *from++;
-    }
-    // Extend-add of the children, the last of which is on top of the stack.
-    for (auto c = children_[k].rbegin(); c != children_[k].rend(); ++c) {
-      const Supernode& child = supernodes_[*c];
-      const int m = child.updates;
-      const int* rows = relative_.data() + child.relative;
-      top -= static_cast<Index>(m) * m;
-      const double* from = top;
-      const int inside = static_cast<int>(std::lower_bound(rows, rows + m, p) - rows);
-      for (int j = 0; j < m; ++j, from += m) {
-        if (j < inside) {
-          double* to = l + static_cast<Index>(rows[j]) * n;
-          for (int i = 0; i < m; ++i) to[rows[i]] += from[i];
-        } else {
-          double* to = up + static_cast<Index>(rows[j] - p) * p;
-          for (int i = 0; i < inside; ++i) to[rows[i]] += from[i];
-          to = schur + static_cast<Index>(rows[j] - p) * u - p;
-          for (int i = inside; i < m; ++i) to[rows[i]] += from[i];
-        }
-      }
-    }
-    const int sign = kernels.factor_front(p, u, l, up, schur, pivots_.data() + super.first);
+    for (Index e = super.entries_begin; e < super.entries_end; ++e) copy_in(entries_[e]);
+    extend_add(super, top, children_[k]);
+    const int sign = p == 0 ? 1 : kernels.factor_front(p, u, l, up, schur, pivots_.data() + super.first);
     if (sign == 0) {
       sign_ = 0;
       return false;
@@ -368,23 +435,57 @@ bool BlockLu::factor() {
   return true;
 }
 
+bool BlockLu::factor_symmetric() {
+  const DenseKernels& kernels = dense_kernels();
+  sign_ = 1;
+  symmetric_ = true;
+  double* top = stack_.data();
+  for (std::size_t k = 0; k < supernodes_.size(); ++k) {
+    const Supernode& super = supernodes_[k];
+    const int p = super.pivots, u = super.updates;
+    double* l = factors_.data() + super.lower;
+    double* schur = schur_.data();
+    std::memset(l, 0, static_cast<std::size_t>(p + u) * p * sizeof(double));
+    if (u > 0) std::memset(schur, 0, static_cast<std::size_t>(u) * u * sizeof(double));
+    for (Index e = super.entries_begin; e < super.entries_end; ++e)
+      if (entries_[e].lower) copy_in(entries_[e]);
+    extend_add_symmetric(super, top, children_[k]);
+    if (p > 0 && kernels.cholesky_front(p, u, l, schur) == 0) {
+      sign_ = 0;
+      return false;
+    }
+    if (u > 0) std::memcpy(top, schur, static_cast<std::size_t>(u) * u * sizeof(double));
+    top += static_cast<Index>(u) * u;
+  }
+  return true;
+}
+
 void BlockLu::solve(VectorRef rhs) const {
   const DenseKernels& kernels = dense_kernels();
   double* x = x_.data();
-  for (Index k = 0; k < size_; ++k) x[k] = rhs[permutation_[k]];
+  for (std::size_t k = 0; k < permutation_.size(); ++k) x[k] = rhs[permutation_[k]];
   for (const Supernode& super : supernodes_) {
-    kernels.forward(super.pivots, super.updates, factors_.data() + super.lower, pivots_.data() + super.first,
-                    x + super.first, update_.data());
+    if (super.pivots == 0) continue;
+    const double* l = factors_.data() + super.lower;
+    if (symmetric_)
+      kernels.cholesky_forward(super.pivots, super.updates, l, x + super.first, update_.data());
+    else
+      kernels.forward(super.pivots, super.updates, l, pivots_.data() + super.first, x + super.first, update_.data());
     const int* rows = rows_.data() + super.rows;
     for (int i = 0; i < super.updates; ++i) x[rows[i]] += update_[i];  // update_ = -L21 x
   }
   for (auto super = supernodes_.rbegin(); super != supernodes_.rend(); ++super) {
+    if (super->pivots == 0) continue;
     const int* rows = rows_.data() + super->rows;
     for (int i = 0; i < super->updates; ++i) update_[i] = x[rows[i]];
-    kernels.backward(super->pivots, super->updates, factors_.data() + super->lower, factors_.data() + super->upper,
-                     x + super->first, update_.data());
+    const double* l = factors_.data() + super->lower;
+    if (symmetric_)
+      kernels.cholesky_backward(super->pivots, super->updates, l, x + super->first, update_.data());
+    else
+      kernels.backward(super->pivots, super->updates, l, factors_.data() + super->upper, x + super->first,
+                       update_.data());
   }
-  for (Index k = 0; k < size_; ++k) rhs[permutation_[k]] = x[k];
+  for (std::size_t k = 0; k < permutation_.size(); ++k) rhs[permutation_[k]] = x[k];
 }
 
 }  // namespace signorini

@@ -8,7 +8,7 @@ namespace signorini {
 
 /// Multifrontal LU of a square matrix of small dense blocks with a symmetric pattern and unsymmetric values: an
 /// approximate-minimum-degree order of the block graph, relaxed supernodes, dense fronts, row pivoting inside a
-/// supernode. After analyze(), factor() and solve() allocate nothing.
+/// supernode. After analyze(), nothing here allocates.
 /// Reference: Duff and Reid 1983; Liu 1992 for the elimination tree and the stack of updates.
 class BlockLu {
  public:
@@ -29,36 +29,69 @@ class BlockLu {
   std::vector<double>& values() { return values_; }
   const std::vector<double>& values() const { return values_; }
 
+  /// Rows of each block from here on, at most those given to analyze(): blocks may shrink, to nothing too, without a
+  /// new analysis. A block (i, j) in values() starts where it did and has this many rows and columns.
+  void set_sizes(const std::vector<int>& block_sizes);
+
   bool factor();
+  /// Factors a symmetric positive definite matrix, by Cholesky, from its lower blocks; false when it is not that.
+  bool factor_symmetric();
   int determinant_sign() const { return sign_; }
+  /// With the last factorisation, in place. Rows that a block does not have are left alone.
   void solve(VectorRef rhs) const;
   /// Entries of L and U.
   Index num_factor_entries() const { return static_cast<Index>(factors_.size()); }
 
  private:
   struct Supernode {
+    int parent = -1;
+    int blocks = 0;  // where its blocks start in front_blocks_: pivots, then updates
+    int pivot_blocks = 0, update_blocks = 0;
+    int block_entries = 0;  // where its entries end in block_entries_
+    // by set_sizes():
     int pivots = 0, updates = 0;  // p, u in rows
     int first = 0;                // first pivot, in elimination order
-    int parent = -1;
-    Index lower = 0, upper = 0;  // where L (n x p) and U (p x u) start in factors_
-    Index rows = 0;              // where the u update rows (elimination order) start in rows_
-    Index relative = 0;          // the same rows' positions in the parent's front, in relative_
+    Index lower = 0, upper = 0;   // where L (n x p) and U (p x u) start in factors_
+    Index rows = 0;               // where the u update rows (elimination order) start in rows_, and in relative_
     Index entries_begin = 0, entries_end = 0;
+  };
+  /// A pair of blocks in a front: (a, b) goes to its positions in the front's blocks, b being a pivot.
+  struct BlockEntry {
+    Index ab, ba;  // in values_
+    int a, b;      // positions
   };
   /// Copies one block of values_ into a front.
   struct Entry {
     Index value;
     Index target;  // in factors_
     int rows, columns, stride;
+    bool lower;  // needed by Cholesky
   };
+
+  void copy_in(const Entry& entry) {
+    const double* from = values_.data() + entry.value;
+    double* to = factors_.data() + entry.target;
+    for (int c = 0; c < entry.columns; ++c)
+      for (int r = 0; r < entry.rows; ++r) to[static_cast<Index>(c) * entry.stride + r] = *from++;
+  }
+  void extend_add(const Supernode& super, double*& top, const std::vector<int>& children);
+  void extend_add_symmetric(const Supernode& super, double*& top, const std::vector<int>& children);
 
   Index size_ = 0;
   int sign_ = 0;
+  bool symmetric_ = false;  // what the last factorisation was
   std::vector<Pair> pairs_;
   std::vector<double> values_;
-  std::vector<int> permutation_;  // row in the matrix of each row in elimination order
+  std::vector<int> offsets_, sizes_;  // of each block: first row in the caller's vectors, rows at present
   std::vector<Supernode> supernodes_;
   std::vector<std::vector<int>> children_;
+  std::vector<int> front_blocks_;     // names of blocks
+  std::vector<int> parent_position_;  // of each of them that is an update: position in the parent's front
+  std::vector<BlockEntry> block_entries_;
+  // by set_sizes():
+  std::vector<int> front_rows_;   // first row in its front of each entry of front_blocks_
+  std::vector<int> row_of_;       // first row of each block, in elimination order
+  std::vector<int> permutation_;  // row in the caller's vectors of each row in elimination order
   std::vector<Entry> entries_;
   std::vector<int> rows_, relative_, pivots_;
   std::vector<double> factors_;

@@ -22,6 +22,7 @@ inline void store(double* p, V v) { _mm512_storeu_pd(p, v); }
 inline void store(double* p, V v, int r) { _mm512_mask_storeu_pd(p, static_cast<__mmask8>((1 << r) - 1), v); }
 inline V spread(double a) { return _mm512_set1_pd(a); }
 inline V minus_product(V c, V a, V b) { return _mm512_fnmadd_pd(a, b, c); }
+inline V plus_product(V c, V a, V b) { return _mm512_fmadd_pd(a, b, c); }
 inline V zero() { return _mm512_setzero_pd(); }
 #elif defined(__AVX2__)
 constexpr int W = 4, NR = 4;
@@ -33,6 +34,7 @@ inline void store(double* p, V v) { _mm256_storeu_pd(p, v); }
 inline void store(double* p, V v, int r) { _mm256_maskstore_pd(p, lanes(r), v); }
 inline V spread(double a) { return _mm256_set1_pd(a); }
 inline V minus_product(V c, V a, V b) { return _mm256_fnmadd_pd(a, b, c); }
+inline V plus_product(V c, V a, V b) { return _mm256_fmadd_pd(a, b, c); }
 inline V zero() { return _mm256_setzero_pd(); }
 #else
 constexpr int W = 1, NR = 4;
@@ -43,6 +45,7 @@ inline void store(double* p, V v) { *p = v; }
 inline void store(double* p, V v, int) { *p = v; }
 inline V spread(double a) { return a; }
 inline V minus_product(V c, V a, V b) { return c - a * b; }
+inline V plus_product(V c, V a, V b) { return c + a * b; }
 inline V zero() { return 0.0; }
 #endif
 
@@ -54,9 +57,9 @@ inline void axpy_minus(int m, double a, const double* x, double* y) {
   if (i < m) store(y + i, minus_product(load(y + i, m - i), load(x + i, m - i), va), m - i);
 }
 
-/// C (MV vectors x N columns, the last one of r lanes when Tail) -= A (.. x k) B (k x N).
+/// C (MV vectors x N columns, the last one of r lanes when Tail) -= A (.. x k) B (k x N); B(q, j) = b[q qs + j js].
 template <int MV, int N, bool Tail>
-inline void tile(int k, const double* a, int lda, const double* b, int ldb, double* c, int ldc, int r) {
+inline void tile(int k, const double* a, int lda, const double* b, int qs, int js, double* c, int ldc, int r) {
   V acc[MV][N];
   for (int v = 0; v < MV; ++v)
     for (int j = 0; j < N; ++j)
@@ -65,7 +68,7 @@ inline void tile(int k, const double* a, int lda, const double* b, int ldb, doub
     V av[MV];
     for (int v = 0; v < MV; ++v) av[v] = Tail && v == MV - 1 ? load(a + q * lda + v * W, r) : load(a + q * lda + v * W);
     for (int j = 0; j < N; ++j) {
-      const V bv = spread(b[j * ldb + q]);
+      const V bv = spread(b[j * js + q * qs]);
       for (int v = 0; v < MV; ++v) acc[v][j] = minus_product(acc[v][j], av[v], bv);
     }
   }
@@ -79,40 +82,86 @@ inline void tile(int k, const double* a, int lda, const double* b, int ldb, doub
 }
 
 template <int N>
-inline void columns(int m, int k, const double* a, int lda, const double* b, int ldb, double* c, int ldc) {
+inline void columns(int m, int k, const double* a, int lda, const double* b, int qs, int js, double* c, int ldc) {
   int i = 0;
-  for (; i + 2 * W <= m; i += 2 * W) tile<2, N, false>(k, a + i, lda, b, ldb, c + i, ldc, 0);
+  for (; i + 2 * W <= m; i += 2 * W) tile<2, N, false>(k, a + i, lda, b, qs, js, c + i, ldc, 0);
   const int rest = m - i;
   if (rest == 0) return;
   if (rest < W)
-    tile<1, N, true>(k, a + i, lda, b, ldb, c + i, ldc, rest);
+    tile<1, N, true>(k, a + i, lda, b, qs, js, c + i, ldc, rest);
   else if (rest == W)
-    tile<1, N, false>(k, a + i, lda, b, ldb, c + i, ldc, 0);
+    tile<1, N, false>(k, a + i, lda, b, qs, js, c + i, ldc, 0);
   else
-    tile<2, N, true>(k, a + i, lda, b, ldb, c + i, ldc, rest - W);
+    tile<2, N, true>(k, a + i, lda, b, qs, js, c + i, ldc, rest - W);
+}
+
+/// The same for 1 to 4 columns.
+inline void few_columns(int n, int m, int k, const double* a, int lda, const double* b, int qs, int js, double* c,
+                        int ldc) {
+  switch (n) {
+    case 4:
+      columns<4>(m, k, a, lda, b, qs, js, c, ldc);
+      break;
+    case 3:
+      columns<3>(m, k, a, lda, b, qs, js, c, ldc);
+      break;
+    case 2:
+      columns<2>(m, k, a, lda, b, qs, js, c, ldc);
+      break;
+    case 1:
+      columns<1>(m, k, a, lda, b, qs, js, c, ldc);
+      break;
+    default:
+      break;
+  }
 }
 
 /// C (m x n) -= A (m x k) B (k x n).
 void gemm_minus(int m, int n, int k, const double* a, int lda, const double* b, int ldb, double* c, int ldc) {
   if (m <= 0 || k <= 0) return;
   int j = 0;
-  for (; j + NR <= n; j += NR) columns<NR>(m, k, a, lda, b + j * ldb, ldb, c + j * ldc, ldc);
+  for (; j + NR <= n; j += NR) columns<NR>(m, k, a, lda, b + j * ldb, 1, ldb, c + j * ldc, ldc);
   if (NR > 4 && j + 4 <= n) {
-    columns<4>(m, k, a, lda, b + j * ldb, ldb, c + j * ldc, ldc);
+    columns<4>(m, k, a, lda, b + j * ldb, 1, ldb, c + j * ldc, ldc);
     j += 4;
   }
-  switch (n - j) {
-    case 3:
-      columns<3>(m, k, a, lda, b + j * ldb, ldb, c + j * ldc, ldc);
-      break;
-    case 2:
-      columns<2>(m, k, a, lda, b + j * ldb, ldb, c + j * ldc, ldc);
-      break;
-    case 1:
-      columns<1>(m, k, a, lda, b + j * ldb, ldb, c + j * ldc, ldc);
-      break;
-    default:
-      break;
+  few_columns(n - j, m, k, a, lda, b + j * ldb, 1, ldb, c + j * ldc, ldc);
+}
+
+/// The lower triangle of C (n x n, and m rows below it) -= A A_top^T, A (n + m rows) x k. Of the blocks on the diagonal
+/// the upper triangle is written too.
+void symmetric_minus(int n, int m, int k, const double* a, int lda, double* c, int ldc) {
+  int j = 0;
+  for (; j + 4 <= n; j += 4) columns<4>(n + m - j, k, a + j, lda, a + j, lda, 1, c + j * ldc + j, ldc);
+  few_columns(n - j, n + m - j, k, a + j, lda, a + j, lda, 1, c + j * ldc + j, ldc);
+}
+
+inline double dot(int m, const double* a, const double* b) {
+  V acc = zero();
+  int i = 0;
+  for (; i + W <= m; i += W) acc = plus_product(acc, load(a + i), load(b + i));
+  if (i < m) acc = plus_product(acc, load(a + i, m - i), load(b + i, m - i));
+  double lanes_of[W], sum = 0.0;
+  store(lanes_of, acc);
+  for (int k = 0; k < W; ++k) sum += lanes_of[k];
+  return sum;
+}
+
+/// y (MV vectors, the last one of r lanes when Tail) = A x.
+template <int MV, bool Tail>
+inline void product_rows(int n, const double* a, int lda, const double* x, double* y, int r) {
+  V acc[MV];
+  for (int v = 0; v < MV; ++v) acc[v] = zero();
+  for (int q = 0; q < n; ++q) {
+    const V xq = spread(x[q]);
+    for (int v = 0; v < MV; ++v)
+      acc[v] = plus_product(acc[v], Tail && v == MV - 1 ? load(a + q * lda + v * W, r) : load(a + q * lda + v * W), xq);
+  }
+  for (int v = 0; v < MV; ++v) {
+    if (Tail && v == MV - 1)
+      store(y + v * W, acc[v], r);
+    else
+      store(y + v * W, acc[v]);
   }
 }
 
@@ -169,6 +218,13 @@ inline void lower_solve(int k, int n, const double* inverse, double* b, int ldb)
 }
 
 }  // namespace
+
+void multiply(int m, int n, const double* a, int lda, const double* x, double* y) {
+  int i = 0;
+  for (; i + 4 * W <= m; i += 4 * W) product_rows<4, false>(n, a + i, lda, x, y + i, 0);
+  for (; i + W <= m; i += W) product_rows<1, false>(n, a + i, lda, x, y + i, 0);
+  if (i < m) product_rows<1, true>(n, a + i, lda, x, y + i, m - i);
+}
 
 int factor_front(int p, int u, double* l, double* up, double* s, int* pivots) {
   const int n = p + u;
@@ -235,6 +291,42 @@ void backward(int p, int u, const double* l, const double* up, double* x, const 
   for (int k = p - 1; k >= 0; --k) {
     x[k] *= l[k * n + k];
     axpy_minus(k, x[k], l + k * n, x);
+  }
+}
+
+int cholesky_front(int p, int u, double* l, double* s) {
+  const int n = p + u;
+  for (int k0 = 0; k0 < p; k0 += kPanel) {
+    const int k1 = k0 + kPanel < p ? k0 + kPanel : p;
+    for (int k = k0; k < k1; ++k) {
+      double* column = l + k * n;
+      if (!(column[k] > 0.0 && column[k] < 1e300)) return 0;
+      const double inverse = 1.0 / __builtin_sqrt(column[k]);
+      column[k] = inverse;
+      for (int i = k + 1; i < n; ++i) column[i] *= inverse;
+      for (int j = k + 1; j < k1; ++j) axpy_minus(n - j, column[j], column + j, l + j * n + j);
+    }
+    symmetric_minus(p - k1, u, k1 - k0, l + k0 * n + k1, n, l + k1 * n + k1, n);
+  }
+  symmetric_minus(u, 0, p, l + p, n, s, u);
+  return 1;
+}
+
+void cholesky_forward(int p, int u, const double* l, double* x, double* y) {
+  const int n = p + u;
+  for (int k = 0; k < p; ++k) {
+    x[k] *= l[k * n + k];
+    axpy_minus(p - k - 1, x[k], l + k * n + k + 1, x + k + 1);
+  }
+  for (int i = 0; i < u; ++i) y[i] = 0.0;
+  gemm_minus(u, 1, p, l + p, n, x, p, y, u);
+}
+
+void cholesky_backward(int p, int u, const double* l, double* x, const double* xu) {
+  const int n = p + u;
+  for (int k = p - 1; k >= 0; --k) {
+    const double* column = l + k * n;
+    x[k] = (x[k] - dot(p - k - 1, column + k + 1, x + k + 1) - dot(u, column + p, xu)) * column[k];
   }
 }
 

@@ -14,6 +14,15 @@ struct DenseKernels {
   void (*forward)(int p, int u, const double* l, const int* pivots, double* x, double* y);
   /// x_p <- U11^-1 (x_p - U12 x_u).
   void (*backward)(int p, int u, const double* l, const double* up, double* x, const double* xu);
+  /// The same for a symmetric positive definite front, of which the lower triangles are read: L11 with its diagonal
+  /// inverted, L21, and the lower triangle of S. Returns 0 when a pivot is not positive or not finite, else 1.
+  int (*cholesky_front)(int p, int u, double* l, double* s);
+  /// x_p <- L11^-1 x_p, y = -L21 x_p.
+  void (*cholesky_forward)(int p, int u, const double* l, double* x, double* y);
+  /// x_p <- L11^-T (x_p - L21^T x_u).
+  void (*cholesky_backward)(int p, int u, const double* l, double* x, const double* xu);
+  /// y = A x, A of m x n; y must not be x.
+  void (*multiply)(int m, int n, const double* a, int lda, const double* x, double* y);
 };
 
 const DenseKernels& dense_kernels();

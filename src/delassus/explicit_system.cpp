@@ -2,27 +2,45 @@
 
 #include <algorithm>
 
+#include "dense_kernels.hpp"
+
 namespace signorini {
+namespace {
+
+constexpr int kDenseRows = 36;         // up to this size a dense factorisation is as fast as any
+constexpr double kDenseShare = 0.6;    // of the blocks that are there, beyond which G is called dense
+constexpr std::size_t kAnalyses = 16;  // patterns remembered
+
+}  // namespace
+
+void ExplicitSystem::take_sizes(const ConstraintSets& sets) {
+  sizes_.clear();
+  offsets_.clear();
+  for (const ConstraintSet& set : sets) {
+    sizes_.push_back(static_cast<int>(set.size()));
+    offsets_.push_back(static_cast<int>(set.offset));
+  }
+  size_ = sets.size();
+}
 
 bool ExplicitSystem::same_pattern(const SparseMatrix& matrix, const ConstraintSets& sets) const {
-  if (static_cast<Index>(sizes_.size()) != sets.num_sets() || static_cast<Index>(inner_.size()) != matrix.nonZeros())
+  if (!sparse_ || static_cast<Index>(sparse_->sizes.size()) != sets.num_sets() ||
+      static_cast<Index>(inner_.size()) != matrix.nonZeros())
     return false;
   for (Index i = 0; i < sets.num_sets(); ++i)
-    if (sizes_[i] != sets[i].size()) return false;
+    if (sparse_->sizes[i] != sets[i].size()) return false;
   return std::equal(outer_.begin(), outer_.end(), matrix.outerIndexPtr()) &&
          std::equal(inner_.begin(), inner_.end(), matrix.innerIndexPtr());
 }
 
 void ExplicitSystem::analyze(const SparseMatrix& matrix, const ConstraintSets& sets) {
   const Index n = matrix.rows();
-  sizes_.clear();
-  offsets_.clear();
+  if (!sparse_) sparse_ = std::make_unique<Analysis>();
+  sparse_->sizes = sizes_;
+  BlockLu& lu = sparse_->lu;
   std::vector<int> set_of(static_cast<std::size_t>(n));
-  for (const ConstraintSet& set : sets) {
-    for (Index k = 0; k < set.size(); ++k) set_of[set.offset + k] = static_cast<int>(sizes_.size());
-    sizes_.push_back(static_cast<int>(set.size()));
-    offsets_.push_back(static_cast<int>(set.offset));
-  }
+  for (Index i = 0; i < sets.num_sets(); ++i)
+    for (Index k = 0; k < sets[i].size(); ++k) set_of[sets[i].offset + k] = static_cast<int>(i);
   std::vector<std::vector<int>> neighbours(sizes_.size());
   std::vector<int> mark(sizes_.size(), -1);
   for (int j = 0; j < static_cast<int>(sizes_.size()); ++j) {
@@ -34,14 +52,14 @@ void ExplicitSystem::analyze(const SparseMatrix& matrix, const ConstraintSets& s
       }
     std::sort(neighbours[j].begin(), neighbours[j].end());
   }
-  lu_.analyze(sizes_, neighbours);
+  lu.analyze(sizes_, neighbours);
 
   // Where each entry of G lands.
   outer_.assign(matrix.outerIndexPtr(), matrix.outerIndexPtr() + n + 1);
   inner_.assign(matrix.innerIndexPtr(), matrix.innerIndexPtr() + matrix.nonZeros());
   targets_.assign(inner_.size(), -1);
   // Pairs by their smaller block are contiguous; by their larger one they are chained.
-  const auto& pairs = lu_.pairs();
+  const auto& pairs = lu.pairs();
   const auto num_pairs = static_cast<int>(pairs.size());
   std::vector<int> first(sizes_.size(), -1), next(pairs.size(), -1);
   for (int k = num_pairs - 1; k >= 0; --k) {
@@ -63,86 +81,388 @@ void ExplicitSystem::analyze(const SparseMatrix& matrix, const ConstraintSets& s
 
 void ExplicitSystem::setup(const SparseMatrix& matrix, const ConstraintSets& sets, const ConstVectorRef& scale,
                            const ConstVectorRef& compliance) {
+  take_sizes(sets);
   if (!same_pattern(matrix, sets)) analyze(matrix, sets);
-  a_.assign(lu_.values().size(), 0.0);
+  dense_ = false;
+  analysis_ = sparse_.get();
+  a_.assign(analysis_->lu.values().size(), 0.0);
   const double* values = matrix.valuePtr();
   for (Index c = 0; c < matrix.cols(); ++c)
     for (int q = outer_[c]; q < outer_[c + 1]; ++q) a_[targets_[q]] = values[q] * scale[inner_[q]] * scale[c];
-  for (const BlockLu::Pair& pair : lu_.pairs()) {
+  for (const BlockLu::Pair& pair : analysis_->lu.pairs()) {
     if (pair.i != pair.j) continue;
     const int size = sizes_[pair.i], o = offsets_[pair.i];
     for (int k = 0; k < size; ++k) a_[pair.lower + k * size + k] += compliance[o + k] * scale[o + k] * scale[o + k];
   }
 }
 
+void ExplicitSystem::find_analysis() {
+  const auto matches = [this](const Analysis& analysis) {
+    if (analysis.sizes != sizes_ || analysis.pattern.size() != 2 * blocks.size()) return false;
+    for (std::size_t k = 0; k < blocks.size(); ++k)
+      if (analysis.pattern[2 * k] != blocks[k].i || analysis.pattern[2 * k + 1] != blocks[k].j) return false;
+    return true;
+  };
+  ++uses_;
+  if (analysis_ && analysis_ != sparse_.get() && matches(*analysis_)) {
+    analysis_->last_use = uses_;
+    return;
+  }
+  Analysis* oldest = nullptr;
+  for (const auto& analysis : analyses_) {
+    if (matches(*analysis)) {
+      analysis_ = analysis.get();
+      analysis_->last_use = uses_;
+      return;
+    }
+    if (!oldest || analysis->last_use < oldest->last_use) oldest = analysis.get();
+  }
+  if (analyses_.size() < kAnalyses) {
+    analyses_.push_back(std::make_unique<Analysis>());
+    oldest = analyses_.back().get();
+  }
+  analysis_ = oldest;
+  analysis_->last_use = uses_;
+  analysis_->sizes = sizes_;
+  analysis_->pattern.clear();
+  std::vector<std::vector<int>> neighbours(sizes_.size());
+  for (const Block& block : blocks) {
+    analysis_->pattern.push_back(block.i);
+    analysis_->pattern.push_back(block.j);
+    neighbours[block.j].push_back(block.i);
+  }
+  BlockLu& lu = analysis_->lu;
+  lu.analyze(sizes_, neighbours);
+  // lu.pairs() goes by j, then i; blocks by i, then j.
+  std::vector<int> next(sizes_.size());
+  analysis_->diagonal_place.resize(sizes_.size());
+  for (std::size_t k = 0; k < lu.pairs().size(); ++k)
+    if (lu.pairs()[k].i == lu.pairs()[k].j) {
+      analysis_->diagonal_place[lu.pairs()[k].j] = static_cast<int>(k);
+      next[lu.pairs()[k].j] = static_cast<int>(k) + 1;
+    }
+  analysis_->place.resize(blocks.size());
+  for (std::size_t k = 0; k < blocks.size(); ++k) analysis_->place[k] = next[blocks[k].j]++;
+}
+
+void ExplicitSystem::setup(const ConstraintSets& sets, const ConstVectorRef& scale, const ConstVectorRef& compliance) {
+  take_sizes(sets);
+  const auto count = static_cast<double>(sizes_.size());
+  dense_ = size_ <= kDenseRows || static_cast<double>(blocks.size()) >= kDenseShare * 0.5 * count * (count - 1.0);
+  if (dense_) {
+    const auto n = static_cast<int>(size_);
+    a_.resize(static_cast<std::size_t>(n) * n);
+    if (static_cast<double>(blocks.size()) < 0.5 * count * (count - 1.0)) std::fill(a_.begin(), a_.end(), 0.0);
+    for (std::size_t i = 0; i < sizes_.size(); ++i) {
+      const int o = offsets_[i], size = sizes_[i];
+      const double factor = scale[o] * scale[o];
+      double* to = a_.data() + static_cast<std::size_t>(o) * n + o;
+      const double* from = diagonal[i];
+      for (int c = 0; c < size; ++c) {
+        for (int r = c; r < size; ++r) to[c * n + r] = to[r * n + c] = factor * from[c * size + r];
+        to[c * n + c] += factor * compliance[o + c];
+      }
+    }
+    for (const Block& block : blocks) {
+      const int oi = offsets_[block.i], oj = offsets_[block.j], ni = sizes_[block.i], nj = sizes_[block.j];
+      const double factor = scale[oi] * scale[oj];
+      double* lower = a_.data() + static_cast<std::size_t>(oj) * n + oi;
+      double* upper = a_.data() + static_cast<std::size_t>(oi) * n + oj;
+      for (int c = 0; c < nj; ++c)
+        for (int r = 0; r < ni; ++r) lower[c * n + r] = upper[r * n + c] = factor * block.values[c * ni + r];
+    }
+    return;
+  }
+  find_analysis();
+  const std::vector<BlockLu::Pair>& pairs = analysis_->lu.pairs();
+  a_.resize(analysis_->lu.values().size());
+  for (std::size_t i = 0; i < sizes_.size(); ++i) {
+    const int o = offsets_[i], size = sizes_[i];
+    const double factor = scale[o] * scale[o];
+    double* to = a_.data() + pairs[analysis_->diagonal_place[i]].lower;
+    for (int c = 0; c < size; ++c) {
+      for (int r = c; r < size; ++r) to[c * size + r] = to[r * size + c] = factor * diagonal[i][c * size + r];
+      to[c * size + c] += factor * compliance[o + c];
+    }
+  }
+  for (std::size_t k = 0; k < blocks.size(); ++k) {
+    const Block& block = blocks[k];
+    const BlockLu::Pair& pair = pairs[analysis_->place[k]];
+    const int ni = sizes_[block.i], nj = sizes_[block.j];
+    const double factor = scale[offsets_[block.i]] * scale[offsets_[block.j]];
+    double *lower = a_.data() + pair.lower, *upper = a_.data() + pair.upper;
+    for (int c = 0; c < nj; ++c)
+      for (int r = 0; r < ni; ++r) lower[c * ni + r] = upper[r * nj + c] = factor * block.values[c * ni + r];
+  }
+}
+
 void ExplicitSystem::apply(const ConstVectorRef& x, VectorRef y) const {
+  if (dense_) {
+    const auto n = static_cast<int>(size_);
+    dense_kernels().multiply(n, n, a_.data(), n, x.data(), y.data());
+    return;
+  }
   y.setZero();
-  for (const BlockLu::Pair& pair : lu_.pairs()) {
+  for (const BlockLu::Pair& pair : analysis_->lu.pairs()) {
     const double* a = a_.data() + pair.lower;
     const int ni = sizes_[pair.i], nj = sizes_[pair.j];
     const double* xi = x.data() + offsets_[pair.i];
-    const double* xj = x.data() + offsets_[pair.j];
     double* yi = y.data() + offsets_[pair.i];
-    double* yj = y.data() + offsets_[pair.j];
-    if (ni == 3 && nj == 3) {
-      yi[0] += a[0] * xj[0] + a[3] * xj[1] + a[6] * xj[2];
-      yi[1] += a[1] * xj[0] + a[4] * xj[1] + a[7] * xj[2];
-      yi[2] += a[2] * xj[0] + a[5] * xj[1] + a[8] * xj[2];
-      if (pair.i == pair.j) continue;
-      yj[0] += a[0] * xi[0] + a[1] * xi[1] + a[2] * xi[2];
-      yj[1] += a[3] * xi[0] + a[4] * xi[1] + a[5] * xi[2];
-      yj[2] += a[6] * xi[0] + a[7] * xi[1] + a[8] * xi[2];
+    if (pair.i != pair.j) {
+      add_block_products(ni, nj, a, xi, x.data() + offsets_[pair.j], yi, y.data() + offsets_[pair.j]);
       continue;
     }
     for (int c = 0; c < nj; ++c)
-      for (int r = 0; r < ni; ++r) {
-        yi[r] += a[c * ni + r] * xj[c];
-        if (pair.i != pair.j) yj[c] += a[c * ni + r] * xi[r];
-      }
+      for (int r = 0; r < ni; ++r) yi[r] += a[c * ni + r] * xi[c];
   }
 }
 
 namespace {
 
-/// to (rows x columns) = Y from, where Y acts on the block row.
-inline void multiply(const Eigen::Matrix3d& y, const double* from, double* to, int rows, int columns) {
+/// to = Y from, both rows x columns with the given strides between columns, where Y acts on the block row.
+inline void multiply(const Eigen::Matrix3d& y, const double* from, double* to, int rows, int columns, int stride) {
   if (rows == 3) {
-    for (int c = 0; c < columns; ++c, from += 3, to += 3) {
+    for (int c = 0; c < columns; ++c, from += stride, to += stride) {
       const double f0 = from[0], f1 = from[1], f2 = from[2];
       to[0] = y(0, 0) * f0 + y(0, 1) * f1 + y(0, 2) * f2;
       to[1] = y(1, 0) * f0 + y(1, 1) * f1 + y(1, 2) * f2;
       to[2] = y(2, 0) * f0 + y(2, 1) * f1 + y(2, 2) * f2;
     }
   } else {
-    for (int c = 0; c < columns; ++c) to[c] = y(0, 0) * from[c];
+    for (int c = 0; c < columns; ++c) to[c * stride] = y(0, 0) * from[c * stride];
   }
 }
 
-inline void add_block(const Eigen::Matrix3d& x, double* to, int size) {
+inline void add_block(const Eigen::Matrix3d& x, double* to, int size, int stride) {
   for (int c = 0; c < size; ++c)
-    for (int r = 0; r < size; ++r) to[c * size + r] += x(r, c);
+    for (int r = 0; r < size; ++r) to[c * stride + r] += x(r, c);
 }
 
 }  // namespace
 
+bool ExplicitSystem::factor_dense() {
+  symmetric_ = false;
+  pivots_.resize(static_cast<std::size_t>(rows_));
+  x_.resize(static_cast<std::size_t>(std::max(rows_, size_)));
+  sign_ = rows_ == 0
+              ? 1
+              : dense_kernels().factor_front(static_cast<int>(rows_), 0, k_.data(), nullptr, nullptr, pivots_.data());
+  return sign_ != 0;
+}
+
 bool ExplicitSystem::factor(const BlockDiagonal& x, const BlockDiagonal& y) {
-  double* k = lu_.values().data();
-  for (const BlockLu::Pair& pair : lu_.pairs()) {
-    const int ni = sizes_[pair.i], nj = sizes_[pair.j];
-    multiply(y[pair.i], a_.data() + pair.lower, k + pair.lower, ni, nj);
-    if (pair.i == pair.j)
-      add_block(x[pair.i], k + pair.lower, ni);
-    else
-      multiply(y[pair.j], a_.data() + pair.upper, k + pair.upper, nj, ni);
+  if (dense_) {
+    const auto n = static_cast<int>(size_);
+    k_.resize(a_.size());
+    for (std::size_t i = 0; i < sizes_.size(); ++i) {
+      const int o = offsets_[i];
+      multiply(y[i], a_.data() + o, k_.data() + o, sizes_[i], n, n);
+      add_block(x[i], k_.data() + static_cast<std::size_t>(o) * n + o, sizes_[i], n);
+    }
+    rows_ = size_;
+    return factor_dense();
   }
-  return lu_.factor();
+  BlockLu& lu = analysis_->lu;
+  lu.set_sizes(sizes_);
+  double* k = lu.values().data();
+  for (const BlockLu::Pair& pair : lu.pairs()) {
+    const int ni = sizes_[pair.i], nj = sizes_[pair.j];
+    multiply(y[pair.i], a_.data() + pair.lower, k + pair.lower, ni, nj, ni);
+    if (pair.i == pair.j)
+      add_block(x[pair.i], k + pair.lower, ni, ni);
+    else
+      multiply(y[pair.j], a_.data() + pair.upper, k + pair.upper, nj, ni, nj);
+  }
+  return lu.factor();
 }
 
 bool ExplicitSystem::factor(const BlockDiagonal& x) {
-  std::copy(a_.begin(), a_.end(), lu_.values().begin());
-  for (const BlockLu::Pair& pair : lu_.pairs())
-    if (pair.i == pair.j) add_block(x[pair.i], lu_.values().data() + pair.lower, sizes_[pair.i]);
-  return lu_.factor();
+  if (dense_) {
+    const auto n = static_cast<int>(size_);
+    k_.resize(a_.size());
+    std::copy(a_.begin(), a_.end(), k_.begin());
+    for (std::size_t i = 0; i < sizes_.size(); ++i)
+      add_block(x[i], k_.data() + static_cast<std::size_t>(offsets_[i]) * n + offsets_[i], sizes_[i], n);
+    rows_ = size_;
+    return factor_dense();
+  }
+  BlockLu& lu = analysis_->lu;
+  lu.set_sizes(sizes_);
+  std::copy(a_.begin(), a_.end(), lu.values().begin());
+  for (const BlockLu::Pair& pair : lu.pairs())
+    if (pair.i == pair.j) add_block(x[pair.i], lu.values().data() + pair.lower, sizes_[pair.i], sizes_[pair.i]);
+  return lu.factor();
+}
+
+void ExplicitSystem::solve(VectorRef rhs) const {
+  if (!dense_) return analysis_->lu.solve(rhs);
+  if (size_ == 0) return;
+  const auto n = static_cast<int>(size_);
+  const DenseKernels& kernels = dense_kernels();
+  kernels.forward(n, 0, k_.data(), pivots_.data(), rhs.data(), nullptr);
+  kernels.backward(n, 0, k_.data(), nullptr, rhs.data(), nullptr);
+}
+
+// The reduced matrix E^T A F + delta I + weights (T35). Across a slip in direction u, E and F keep v = (-u1, u0); of
+// the normal, E keeps the row, F the column plus friction times the column along u.
+
+bool ExplicitSystem::factor_reduced(const std::vector<ReducedSet>& sets, double delta) {
+  using Kind = ReducedSet::Kind;
+  active_.clear();
+  reduced_sizes_.resize(sets.size());
+  int row = 0;
+  bool symmetric = true;
+  for (std::size_t i = 0; i < sets.size(); ++i) {
+    const ReducedSet& set = sets[i];
+    const int size = set.kind == Kind::Stick ? 3 : set.kind == Kind::Slip ? 2 : set.kind == Kind::Fixed ? 0 : 1;
+    reduced_sizes_[i] = size;
+    if (size == 0) continue;
+    if (set.kind == Kind::Slip && set.friction != 0.0) symmetric = false;
+    active_.push_back({set.kind, offsets_[i], row, set.u0, set.u1, set.friction, set.weight});
+    row += size;
+  }
+  rows_ = row;
+  if (dense_) {
+    const auto n = static_cast<int>(rows_);
+    reduce_dense(delta);
+    if (n == 0) return true;
+    symmetric_ = symmetric && dense_kernels().cholesky_front(n, 0, k_.data(), nullptr) != 0;
+    if (symmetric_) {
+      x_.resize(static_cast<std::size_t>(n));
+      return true;
+    }
+    if (symmetric) reduce_dense(delta);
+    return factor_dense();
+  }
+  reduce_blocks(sets, delta);
+  return (symmetric && analysis_->lu.factor_symmetric()) || analysis_->lu.factor();
+}
+
+void ExplicitSystem::solve_reduced(VectorRef rhs) const {
+  if (rows_ == 0) return;
+  if (!dense_) return analysis_->lu.solve(rhs);
+  const auto n = static_cast<int>(rows_);
+  double* x = x_.data();
+  for (const Active& s : active_)
+    for (int r = 0; r < s.size(); ++r) x[s.row + r] = rhs[s.offset + r];
+  const DenseKernels& kernels = dense_kernels();
+  if (symmetric_) {
+    kernels.cholesky_forward(n, 0, k_.data(), x, nullptr);
+    kernels.cholesky_backward(n, 0, k_.data(), x, nullptr);
+  } else {
+    kernels.forward(n, 0, k_.data(), pivots_.data(), x, nullptr);
+    kernels.backward(n, 0, k_.data(), nullptr, x, nullptr);
+  }
+  for (const Active& s : active_)
+    for (int r = 0; r < s.size(); ++r) rhs[s.offset + r] = x[s.row + r];
+}
+
+void ExplicitSystem::reduce_dense(double delta) {
+  const auto n = static_cast<int>(size_), m = static_cast<int>(rows_);
+  k_.resize(static_cast<std::size_t>(m) * m);
+  columns_.resize(static_cast<std::size_t>(2 * n));
+  double* to = k_.data();
+  const auto add_column = [&](const double* from) {
+    for (const Active& s : active_) {
+      const double* a = from + s.offset;
+      switch (s.kind) {
+        case ReducedSet::Kind::Stick:
+          to[0] = a[0], to[1] = a[1], to[2] = a[2];
+          to += 3;
+          break;
+        case ReducedSet::Kind::Slip:
+          to[0] = s.u0 * a[1] - s.u1 * a[0], to[1] = a[2];
+          to += 2;
+          break;
+        case ReducedSet::Kind::Normal:
+          *to++ = a[2];
+          break;
+        default:
+          *to++ = a[0];
+      }
+    }
+  };
+  for (const Active& s : active_) {
+    const double* a = a_.data() + static_cast<std::size_t>(s.offset) * n;
+    switch (s.kind) {
+      case ReducedSet::Kind::Stick:
+        add_column(a), add_column(a + n), add_column(a + 2 * n);
+        break;
+      case ReducedSet::Kind::Slip: {
+        double *across = columns_.data(), *normal = across + n;
+        const double f0 = s.friction * s.u0, f1 = s.friction * s.u1;
+        for (int r = 0; r < n; ++r) {
+          across[r] = s.u0 * a[n + r] - s.u1 * a[r];
+          normal[r] = f0 * a[r] + f1 * a[n + r] + a[2 * n + r];
+        }
+        add_column(across), add_column(normal);
+        k_[static_cast<std::size_t>(s.row) * m + s.row] += s.weight;
+        break;
+      }
+      case ReducedSet::Kind::Normal:
+        add_column(a + 2 * n);
+        break;
+      default:
+        add_column(a);
+    }
+  }
+  for (int r = 0; r < m; ++r) k_[static_cast<std::size_t>(r) * m + r] += delta;
+}
+
+namespace {
+
+/// to (ri x rj) = E_i^T a F_j, for the block a, ni x nj, of two sets that keep ri and rj rows.
+inline void reduce_block(const ReducedSet& left, const ReducedSet& right, int ri, int rj, const double* a, int ni,
+                         double* to) {
+  using Kind = ReducedSet::Kind;
+  double across[3], normal[3];
+  const double* columns[3] = {a, a + ni, a + 2 * ni};
+  if (right.kind == Kind::Slip) {
+    for (int r = 0; r < ni; ++r) {
+      across[r] = right.u0 * a[ni + r] - right.u1 * a[r];
+      normal[r] = right.friction * (right.u0 * a[r] + right.u1 * a[ni + r]) + a[2 * ni + r];
+    }
+    columns[0] = across, columns[1] = normal;
+  } else if (right.kind == Kind::Normal) {
+    columns[0] = a + 2 * ni;
+  }
+  for (int c = 0; c < rj; ++c, to += ri) {
+    const double* from = columns[c];
+    switch (left.kind) {
+      case Kind::Stick:
+        to[0] = from[0], to[1] = from[1], to[2] = from[2];
+        break;
+      case Kind::Slip:
+        to[0] = left.u0 * from[1] - left.u1 * from[0], to[1] = from[2];
+        break;
+      case Kind::Normal:
+        to[0] = from[2];
+        break;
+      default:
+        to[0] = from[0];
+    }
+  }
+}
+
+}  // namespace
+
+void ExplicitSystem::reduce_blocks(const std::vector<ReducedSet>& sets, double delta) {
+  BlockLu& lu = analysis_->lu;
+  lu.set_sizes(reduced_sizes_);
+  double* k = lu.values().data();
+  for (const BlockLu::Pair& pair : lu.pairs()) {
+    const int ri = reduced_sizes_[pair.i], rj = reduced_sizes_[pair.j];
+    if (ri == 0 || rj == 0) continue;
+    const ReducedSet &si = sets[pair.i], &sj = sets[pair.j];
+    double* to = k + pair.lower;
+    reduce_block(si, sj, ri, rj, a_.data() + pair.lower, sizes_[pair.i], to);
+    if (pair.i == pair.j) {
+      for (int r = 0; r < ri; ++r) to[r * ri + r] += delta;
+      if (si.kind == ReducedSet::Kind::Slip) to[0] += si.weight;
+    } else {
+      reduce_block(sj, si, rj, ri, a_.data() + pair.upper, sizes_[pair.j], k + pair.upper);
+    }
+  }
 }
 
 double asymmetry_of(const SparseMatrix& matrix) {

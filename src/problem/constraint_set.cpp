@@ -52,6 +52,16 @@ void ConstraintSets::add(ConstraintSet set) {
   sets_.push_back(set);
 }
 
+void ConstraintSets::set_bounds(Index i, double lower, double upper) {
+  sets_[static_cast<std::size_t>(i)].lower = lower;
+  sets_[static_cast<std::size_t>(i)].upper = upper;
+}
+
+void ConstraintSets::clear() {
+  sets_.clear();
+  size_ = num_contacts_ = 0;
+}
+
 void ConstraintSets::add_friction_cone(double friction) {
   if (!(friction >= 0.0 && friction <= 1e6)) {
     throw InvalidInput("friction[" + std::to_string(num_contacts_) + "]",

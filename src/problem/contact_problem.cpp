@@ -19,7 +19,7 @@ std::string number(double value) {
   return out.str();
 }
 
-void check_entries(const Vector& v, const char* field, double lowest) {
+void check_entries(const GrowVector& v, const char* field, double lowest) {
   for (Index i = 0; i < v.size(); ++i) {
     if (v[i] >= lowest && v[i] <= kLargest) continue;  // false for NaN
     throw InvalidInput(std::string(field) + "[" + std::to_string(i) + "]",
@@ -27,39 +27,82 @@ void check_entries(const Vector& v, const char* field, double lowest) {
   }
 }
 
+/// What a problem has before it is assigned.
+class NoRows final : public DelassusOperator {
+ public:
+  Index size() const override { return 0; }
+  void apply(const ConstVectorRef&, VectorRef) const override {}
+  void diagonal(VectorRef) const override {}
+  SparseMatrix matrix() const override { return SparseMatrix(); }
+  std::vector<int> islands(const ConstraintSets&) const override { return {}; }
+  std::shared_ptr<const DelassusOperator> restrict(const std::vector<Index>&) const override {
+    return std::make_shared<NoRows>();
+  }
+  void prepare(const ConstraintSets&, const ConstVectorRef&, const ConstVectorRef&,
+               std::unique_ptr<ScaledDelassus>&) const override {}
+};
+
+const std::shared_ptr<const DelassusOperator>& no_rows() {
+  static const std::shared_ptr<const DelassusOperator> shared = std::make_shared<NoRows>();
+  return shared;
+}
+
 }  // namespace
 
-ContactProblem::ContactProblem(std::shared_ptr<const DelassusOperator> delassus, Vector free_velocity,
-                               ConstraintSets sets, Vector compliance)
-    : delassus_(std::move(delassus)),
-      free_velocity_(std::move(free_velocity)),
-      sets_(std::move(sets)),
-      compliance_(std::move(compliance)) {
-  if (!delassus_) throw InvalidInput("delassus", "is null");
-  const Index n = delassus_->size();
+ContactProblem::ContactProblem() : delassus_(no_rows()) {}
+
+ContactProblem::ContactProblem(std::shared_ptr<const DelassusOperator> delassus, const ConstVectorRef& free_velocity,
+                               const ConstraintSets& sets, const ConstVectorRef& compliance) {
+  assign(std::move(delassus), free_velocity, sets, compliance);
+}
+
+void ContactProblem::assign(std::shared_ptr<const DelassusOperator> delassus, const ConstVectorRef& free_velocity,
+                            const ConstraintSets& sets, const ConstVectorRef& compliance) {
+  try {
+    take(std::move(delassus), free_velocity, sets, compliance);
+  } catch (...) {
+    delassus_ = no_rows();
+    sets_.clear();
+    for (GrowVector* v : {&free_velocity_, &compliance_, &scale_}) v->resize(0);
+    throw;
+  }
+}
+
+void ContactProblem::take(std::shared_ptr<const DelassusOperator> delassus, const ConstVectorRef& free_velocity,
+                          const ConstraintSets& sets, const ConstVectorRef& compliance) {
+  if (!delassus) throw InvalidInput("delassus", "is null");
+  const Index n = delassus->size();
   const auto check_size = [n](const char* field, Index size) {
     if (size == n) return;
     throw InvalidInput(field, "has " + std::to_string(size) + " rows, must have the " + std::to_string(n) +
                                   " of the Delassus operator");
   };
-  check_size("free_velocity", free_velocity_.size());
-  check_size("sets", sets_.size());
-  if (compliance_.size() == 0) compliance_ = Vector::Zero(n);
-  check_size("compliance", compliance_.size());
+  check_size("free_velocity", free_velocity.size());
+  check_size("sets", sets.size());
+  if (compliance.size() > 0) check_size("compliance", compliance.size());
+  delassus->check(sets);
+  delassus_ = std::move(delassus);
+  free_velocity_ = free_velocity;
+  sets_ = sets;
+  if (compliance.size() > 0)
+    compliance_ = compliance;
+  else
+    compliance_.setZero(n);
   check_entries(free_velocity_, "free_velocity", -kLargest);
   check_entries(compliance_, "compliance", 0.0);
 
-  Vector diagonal(n);
-  delassus_->diagonal(diagonal);
-  check_entries(diagonal, "delassus diagonal", 0.0);
   scale_.resize(n);
+  delassus_->diagonal(scale_);
+  check_entries(scale_, "delassus diagonal", 0.0);
   for (const ConstraintSet& set : sets_) {
-    const double d = (diagonal + compliance_).segment(set.offset, set.size()).mean();
+    const Index o = set.offset;
+    double d = scale_[o] + compliance_[o];
+    if (set.size() == 3) d = (d + scale_[o + 1] + compliance_[o + 1] + scale_[o + 2] + compliance_[o + 2]) / 3.0;
     if (d > 0.0 && d < kSmallestDiagonal) {
-      throw InvalidInput("delassus diagonal[" + std::to_string(set.offset) + "]",
+      throw InvalidInput("delassus diagonal[" + std::to_string(o) + "]",
                          "is " + number(d) + ", must be 0 or at least " + number(kSmallestDiagonal));
     }
-    scale_.segment(set.offset, set.size()).setConstant(d > 0.0 ? d : 1.0);
+    for (Index k = 0; k < set.size(); ++k) scale_[o + k] = d > 0.0 ? d : 1.0;
   }
 }
 

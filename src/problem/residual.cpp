@@ -4,8 +4,6 @@
 #include <cmath>
 #include <limits>
 
-#include "signorini/problem/de_saxce.hpp"
-
 namespace signorini {
 namespace {
 
@@ -38,39 +36,80 @@ void natural_map(const ConstraintSet& set, const double* l, const double* t, dou
   }
 }
 
-double norm(const double* x, Index n) { return n == 3 ? std::hypot(std::hypot(x[0], x[1]), x[2]) : std::abs(x[0]); }
+/// sqrt(x^2 + y^2); std::hypot, several times slower, only where squares leave the range of normal numbers.
+double length(double x, double y) {
+  const double square = x * x + y * y;
+  return square > 1e-250 && square < 1e250 ? std::sqrt(square) : std::hypot(x, y);
+}
+
+double norm(const double* x, Index n) {
+  if (n == 1) return std::abs(x[0]);
+  const double square = x[0] * x[0] + x[1] * x[1] + x[2] * x[2];
+  return square > 1e-250 && square < 1e250 ? std::sqrt(square) : std::hypot(std::hypot(x[0], x[1]), x[2]);
+}
+
+/// v: sigma + Gamma(sigma) of the set.
+RelativePart relative_part(const ContactProblem& problem, const ConstraintSet& set, const double* x, const double* v) {
+  const Index o = set.offset, n = set.size();
+  const double root = std::sqrt(problem.scale()[o]);
+  double l[3] = {0.0, 0.0, 0.0}, t[3] = {0.0, 0.0, 0.0}, e[3] = {0.0, 0.0, 0.0};
+  for (Index k = 0; k < n; ++k) l[k] = root * x[k], t[k] = v[k] / root;
+  ConstraintSet scaled = set;
+  scaled.lower *= root, scaled.upper *= root;
+  natural_map(scaled, l, t, e);
+  RelativePart part{norm(e, n), norm(l, n), norm(problem.free_velocity().data() + o, n) / root};
+  if (set.type == SetType::Interval) {
+    const double zero[3] = {};
+    double imposed[3];
+    project(scaled, zero, imposed);
+    part.free = std::max(part.free, std::abs(imposed[0]));
+  }
+  return part;
+}
+
+/// v = sigma + Gamma(sigma) of one set, whose rows w points at; returns |sigma_T|.
+double add_correction(const ConstraintSet& set, Law law, const double* w, double* v) {
+  v[0] = w[0];
+  if (set.type != SetType::FrictionCone) return 0.0;
+  const double speed = length(w[0], w[1]);
+  v[1] = w[1], v[2] = w[2] + (law == Law::Ncp ? set.friction * speed : 0.0);
+  return speed;
+}
 
 }  // namespace
 
-Residual residual(const ContactProblem& problem, const ConstVectorRef& impulse, Law law, VectorRef sigma,
-                  VectorRef scratch) {
-  problem.velocity(impulse, sigma);
-  VectorRef& s = scratch;
-  s = sigma;
-  add_de_saxce_correction(problem.sets(), law, s);
+RelativePart relative_part(const ContactProblem& problem, Index i, const ConstVectorRef& impulse,
+                           const ConstVectorRef& velocity, Law law) {
+  const ConstraintSet& set = problem.sets()[i];
+  double v[3];
+  add_correction(set, law, velocity.data() + set.offset, v);
+  return relative_part(problem, set, impulse.data() + set.offset, v);
+}
 
+Residual residual(const ContactProblem& problem, const ConstVectorRef& impulse, Law law, VectorRef sigma) {
+  problem.velocity(impulse, sigma);
   Residual r;
   double error = 0.0, largest = 0.0, free = 0.0;
   for (const ConstraintSet& set : problem.sets()) {
     const Index o = set.offset, n = set.size();
     const double* x = impulse.data() + o;
-    const double* v = s.data() + o;
-    double p[3], e[3];
+    const double* w = sigma.data() + o;
+    double v[3], p[3], e[3];
+    const double speed = add_correction(set, law, w, v);
 
     project(set, x, p);
     for (Index k = 0; k < n; ++k) e[k] = x[k] - p[k];
     raise(r.primal, norm(e, n));
 
-    const double minus[3] = {-v[0], n == 3 ? -v[1] : 0.0, n == 3 ? -v[2] : 0.0};
     switch (set.type) {
       case SetType::FrictionCone: {
+        const double minus[3] = {-v[0], -v[1], -v[2]};
         project_friction_cone(set.friction, minus, p);  // dist(s, K*) = |P_K(-s)|
         raise(r.dual, norm(p, 3));
         raise(r.complementarity, std::abs(x[0] * v[0] + x[1] * v[1] + x[2] * v[2]));
-        const double* w = sigma.data() + o;
         raise(r.signorini, w[2] < 0.0 ? -w[2] : 0.0 * w[2]);
         raise(r.signorini, x[2] < 0.0 ? -x[2] : 0.0 * x[2]);
-        raise(r.dissipation, std::abs(x[0] * w[0] + x[1] * w[1] + set.friction * x[2] * std::hypot(w[0], w[1])));
+        raise(r.dissipation, std::abs(x[0] * w[0] + x[1] * w[1] + set.friction * x[2] * speed));
         break;
       }
       case SetType::HalfLine:
@@ -90,19 +129,10 @@ Residual residual(const ContactProblem& problem, const ConstVectorRef& impulse, 
         break;
     }
 
-    // relative, in the scaled variables l = sqrt(d) impulse, t = s / sqrt(d) (T11, T12)
-    const double root = std::sqrt(problem.scale()[o]);
-    double l[3], t[3];
-    for (Index k = 0; k < n; ++k) l[k] = root * x[k], t[k] = v[k] / root;
-    ConstraintSet scaled = set;
-    scaled.lower *= root, scaled.upper *= root;
-    natural_map(scaled, l, t, e);
-    raise(error, norm(e, n));
-    raise(largest, norm(l, n));
-    raise(free, norm(problem.free_velocity().data() + o, n) / root);
-    const double zero[3] = {0.0, 0.0, 0.0};
-    project(scaled, zero, p);
-    raise(free, norm(p, n));  // impulses that an interval imposes
+    const RelativePart part = relative_part(problem, set, x, v);
+    raise(error, part.error);
+    raise(largest, part.size);
+    raise(free, part.free);
   }
   raise(largest, free);
   r.relative = largest > 0.0 ? error / largest : error;
@@ -115,8 +145,8 @@ Residual residual(const ContactProblem& problem, const ConstVectorRef& impulse, 
 }
 
 Residual residual(const ContactProblem& problem, const ConstVectorRef& impulse, Law law, Vector* velocity) {
-  Vector sigma(problem.size()), scratch(problem.size());
-  const Residual r = residual(problem, impulse, law, sigma, scratch);
+  Vector sigma(problem.size());
+  const Residual r = residual(problem, impulse, law, sigma);
   if (velocity) *velocity = std::move(sigma);
   return r;
 }

@@ -146,7 +146,7 @@ class Admm {
 
   Residual certify(const Vector& y) {
     scaled_.to_impulse(y, w_.impulse);
-    return residual(problem_, w_.impulse, settings_.law, w_.sigma, w_.scratch);
+    return residual(problem_, w_.impulse, settings_.law, w_.sigma);
   }
 
   double rho() const { return w_.penalty.value(); }

@@ -7,12 +7,12 @@
 #include <limits>
 
 #include "finish.hpp"
-#include "signorini/problem/island.hpp"
 #include "signorini/solver/admm.hpp"
 
 namespace signorini {
 namespace {
 
+constexpr double kAim = 1e-4;  // of the tolerance: what Newton aims at from a guess, if the settings do not say
 constexpr int kWarmNewton = 8;  // iterations granted to Newton from a guess
 constexpr int kWarmPatience = 8, kWarmSteps = 15;
 constexpr double kFirstFinish = 1e-6;  // certificate at which Newton first tries to finish
@@ -64,12 +64,16 @@ void solve_islands(const ContactProblem& problem, const Settings& settings, Auto
 /// One island being solved: the best iterate so far and what it cost.
 class Ladder {
  public:
-  Ladder(ScaledProblem& problem, const ContactProblem& part, Law law, double tolerance, double global_reference,
-         int max_factorizations, bool may_repair, AutoWorkspace& workspace, IterateObserver observe)
+  /// whole, island: problem is the scaled version of these sets of it; null: of all of it.
+  Ladder(ScaledProblem& problem, const ContactProblem& whole, const std::vector<int>* island, Law law, double tolerance,
+         double aim, double global_reference, int max_factorizations, bool may_repair, AutoWorkspace& workspace,
+         IterateObserver observe)
       : problem_(problem),
-        part_(part),
+        whole_(whole),
+        island_(island),
         law_(law),
         tolerance_(tolerance),
+        aim_(aim),
         global_reference_(global_reference),
         max_factorizations_(max_factorizations),
         may_repair_(may_repair),
@@ -82,11 +86,12 @@ class Ladder {
   double best = std::numeric_limits<double>::infinity();  ///< certificate of w_.best
   SolverType method = SolverType::Auto;                   ///< that found it; Auto: none was needed
 
-  void solve(const Vector* guess) {
+  void solve(const GrowVector* guess) {
+    active_newton_ = guess && law_ == Law::Ncp && problem_.system->reduces();
+    if (guess && newton(*guess, kWarmNewton)) return;
     w_.scratch.setZero(problem_.size());
     offer(w_.scratch, natural_residual(problem_, law_, w_.scratch, problem_.b, w_.newton.natural), SolverType::Auto);
     if (done()) return;
-    if (guess && newton(*guess, kWarmNewton)) return;
     if (guess && interior_point(guess, {}, kWarmPatience, kWarmSteps)) return;
     const Index num_sets = problem_.sets.num_sets();
     for (const InteriorPoint::Options& options : kAttempts) {
@@ -94,9 +99,9 @@ class Ladder {
       if (acceptable()) return;
       if (out_of_budget()) break;
       if (may_repair_ && num_sets > kLarge && repair()) return;
-      if (newton(Vector(w_.interior_point.impulse()), kLastFinish)) return;
+      if (newton(w_.interior_point.impulse(), kLastFinish)) return;
     }
-    if (continuation()) return;
+    if (!out_of_budget() && continuation()) return;
     if (may_repair_ && num_sets > kPatch && !out_of_budget() && repair()) return;
     if (may_repair_ && max_factorizations_ >= kBudget) first_order();
   }
@@ -110,7 +115,27 @@ class Ladder {
   }
   bool out_of_budget() const { return factorizations >= max_factorizations_; }
 
-  void offer(const Vector& l, double relative, SolverType by) {
+  /// The island as a problem of its own, which only the last rungs need.
+  const ContactProblem& part() {
+    if (!island_) return whole_;
+    if (part_.num_sets() > 0) return part_;
+    std::vector<Index> rows;
+    ConstraintSets sets;
+    for (const int i : *island_) {
+      const ConstraintSet& set = whole_.sets()[i];
+      for (Index k = 0; k < set.size(); ++k) rows.push_back(set.offset + k);
+      sets.add(set);
+    }
+    Vector free_velocity(sets.size()), compliance(sets.size());
+    for (Index k = 0; k < sets.size(); ++k) {
+      free_velocity[k] = whole_.free_velocity()[rows[k]];
+      compliance[k] = whole_.compliance()[rows[k]];
+    }
+    part_.assign(whole_.delassus().restrict(rows), free_velocity, sets, compliance);
+    return part_;
+  }
+
+  void offer(const ConstVectorRef& l, double relative, SolverType by) {
     if (!(relative < best)) return;
     best = relative;
     method = by;
@@ -125,11 +150,12 @@ class Ladder {
     settings.max_iterations = kFirstOrder;
     AdmmWorkspace workspace;
     Solution solution;
-    solution.impulse.setZero(part_.size());
-    solve_admm(part_, settings, workspace, nullptr, solution);
+    solution.impulse.setZero(problem_.size());
+    solve_admm(part(), settings, workspace, nullptr, solution);
     factorizations += solution.factorizations;
     iterations += solution.iterations;
-    Vector l(part_.size()), t(part_.size());
+    GrowVector l, t;
+    l.resize(problem_.size()), t.resize(problem_.size());
     problem_.from_impulse(solution.impulse, l);
     problem_.system->apply(l, t);
     t += problem_.b;
@@ -137,15 +163,15 @@ class Ladder {
     if (!done()) newton(l, kLastFinish);
   }
 
-  /// Follows the solution of A + weight I (T38), easy for large weights, as the weight falls to 0.
+  /// Follows the solution of A + weight I (T41), easy for large weights, as the weight falls to 0.
   bool continuation() {
     const double best_before = best;
-    const Vector before = w_.best;
+    const GrowVector before = w_.best;
     const SolverType method_before = method;
-    Vector l = Vector::Zero(problem_.size());
+    GrowVector l = Vector::Zero(problem_.size());
     double weight = 1.0, factor = 0.1, reached = 0.0;
     while (weight > 1e-9 && factor < 0.9 && !out_of_budget()) {
-      problem_.regularize(part_, weight);
+      problem_.regularize(part(), weight);
       best = std::numeric_limits<double>::infinity();
       bool ok = reached > 0.0 && (newton(l, kLastFinish) || interior_point(&l, {}, kWarmPatience, kWarmSteps));
       if (!ok) ok = interior_point(nullptr, {}, kPatience, kSteps);
@@ -159,7 +185,7 @@ class Ladder {
       }
       weight = reached * factor;
     }
-    problem_.regularize(part_, 0.0);
+    problem_.regularize(part(), 0.0);
     best = best_before;
     w_.best = before;
     method = method_before;
@@ -169,7 +195,7 @@ class Ladder {
   /// What holds a large island up are a few knots of contacts. Solves the patches around the worst contacts, the
   /// impulses outside kept as they are, and lets Newton settle the whole after each round.
   bool repair() {
-    const std::vector<std::vector<int>> neighbours = contact_graph(part_);
+    const std::vector<std::vector<int>> neighbours = contact_graph(part());
     AutoWorkspace workspace;
     Solution solution;
     Settings settings;
@@ -220,21 +246,21 @@ class Ladder {
     std::vector<Index> rows;
     ConstraintSets sets;
     for (const int i : patch) {
-      const ConstraintSet& set = part_.sets()[i];
+      const ConstraintSet& set = part().sets()[i];
       for (Index k = 0; k < set.size(); ++k) rows.push_back(set.offset + k);
       sets.add(set);
     }
     const auto count = static_cast<Index>(rows.size());
-    Vector impulse(part_.size()), velocity(part_.size());
+    Vector impulse(part().size()), velocity(part().size());
     problem_.to_impulse(l, impulse);
-    part_.velocity(impulse, velocity);
-    const std::shared_ptr<const DelassusOperator> delassus = part_.delassus().restrict(rows);
+    part().velocity(impulse, velocity);
+    const std::shared_ptr<const DelassusOperator> delassus = part().delassus().restrict(rows);
     Guess guess;
     guess.impulse.resize(count);
     Vector own(count), free_velocity(count), compliance(count);
     for (Index k = 0; k < count; ++k) {
       guess.impulse[k] = impulse[rows[k]];
-      compliance[k] = part_.compliance()[rows[k]];
+      compliance[k] = part().compliance()[rows[k]];
       free_velocity[k] = velocity[rows[k]];
     }
     delassus->apply(guess.impulse, own);
@@ -244,15 +270,17 @@ class Ladder {
     solve_islands(problem, settings, workspace, &guess, false, solution);
     patch_work_ += static_cast<double>(solution.factorizations) * static_cast<double>(count);
     for (Index k = 0; k < count; ++k) l[rows[k]] = solution.impulse[k] / (problem_.scale[rows[k]] * problem_.unit);
-    while (patch_work_ >= static_cast<double>(part_.size())) {  // a patch counts by its share of the rows
-      patch_work_ -= static_cast<double>(part_.size());
+    while (patch_work_ >= static_cast<double>(part().size())) {  // a patch counts by its share of the rows
+      patch_work_ -= static_cast<double>(part().size());
       ++factorizations;
     }
   }
 
-  bool newton(const Vector& from, int max_iterations) {
+  bool newton(const ConstVectorRef& from, int max_iterations) {
     w_.newton.l = from;
-    const NewtonResult result = newton_iterations(problem_, law_, tolerance_, max_iterations, w_.newton, observer());
+    const NewtonResult result =
+        active_newton_ ? active_newton_iterations(problem_, tolerance_, aim_, max_iterations, w_.newton, observer())
+                       : newton_iterations(problem_, law_, tolerance_, max_iterations, w_.newton, observer());
     iterations += result.iterations;
     factorizations += result.factorizations;
     offer(w_.newton.best, result.relative, SolverType::Newton);
@@ -261,7 +289,7 @@ class Ladder {
 
   /// Interior point, with Newton trying to finish at kFirstFinish and again each time the certificate has fallen
   /// tenfold. Gives up when the certificate has not halved in `patience` steps.
-  bool interior_point(const Vector* guess, const InteriorPoint::Options& options, int patience, int max_steps) {
+  bool interior_point(const GrowVector* guess, const InteriorPoint::Options& options, int patience, int max_steps) {
     InteriorPoint& interior = w_.interior_point;
     interior.options = options;
     interior.start(problem_, law_, guess);
@@ -289,78 +317,128 @@ class Ladder {
 
   IterateObserver observer() const {
     if (!observe_) return {};
-    return [this, before = factorizations](const Vector& l, int count) { observe_(l, before + count); };
+    return [this, before = factorizations](const ConstVectorRef& l, int count) { observe_(l, before + count); };
   }
 
   ScaledProblem& problem_;
-  const ContactProblem& part_;
+  const ContactProblem& whole_;
+  const std::vector<int>* island_;
+  ContactProblem part_;
   Law law_;
-  double tolerance_, global_reference_, patch_work_ = 0.0;
+  double tolerance_, aim_, global_reference_, patch_work_ = 0.0;
+  bool active_newton_ = false;
   int max_factorizations_;
   bool may_repair_;  // false inside a patch
   AutoWorkspace& w_;
   IterateObserver observe_;
 };
 
+/// Groups the sets by island: w.first, w.members. Returns the number of islands.
+int find_members(const ContactProblem& problem, AutoWorkspace& w) {
+  problem.delassus().label_islands(problem.sets(), w.labels);
+  const int count = w.labels.empty() ? 0 : 1 + *std::max_element(w.labels.begin(), w.labels.end());
+  w.first.assign(static_cast<std::size_t>(count) + 1, 0);
+  for (const int label : w.labels) ++w.first[label + 1];
+  for (int k = 0; k < count; ++k) w.first[k + 1] += w.first[k];
+  w.members.resize(w.labels.size());
+  for (std::size_t i = 0; i < w.labels.size(); ++i) w.members[w.first[w.labels[i]]++] = static_cast<int>(i);
+  for (int k = count; k > 0; --k) w.first[k] = w.first[k - 1];
+  w.first[0] = 0;
+  return count;
+}
+
+/// Relative residual of an island by itself, as natural_residual has it, from the velocity of the whole.
+double island_residual(const ContactProblem& problem, const int* members, int count, Law law, double share_weight,
+                       const GrowVector& impulse, const GrowVector& velocity) {
+  double error = 0.0, largest = 0.0, free = 0.0;
+  for (int k = 0; k < count; ++k) {
+    const RelativePart part = relative_part(problem, members[k], impulse, velocity, law);
+    if (std::isnan(part.error)) return part.error;
+    error = std::max(error, part.error), largest = std::max(largest, part.size), free = std::max(free, part.free);
+  }
+  largest = std::max(largest, free);
+  if (error == 0.0) return 0.0;
+  return std::max(error / largest, share_weight * error / free);  // infinite where nothing asks for an impulse
+}
+
 void solve_islands(const ContactProblem& problem, const Settings& settings, AutoWorkspace& w, const Guess* guess,
                    bool may_repair, Solution& solution) {
+  const double tolerance = 0.5 * settings.tolerance;
+  const double aim = std::min(settings.aim > 0.0 ? settings.aim : kAim * settings.tolerance, tolerance);
   solution.impulse.setZero(problem.size());
+  solution.velocity.resize(problem.size());
   solution.solver = SolverType::Auto;
+  bool holds = false;  // the guess, at the tolerance
   if (guess) {
     problem.sets().project(guess->impulse, solution.impulse);
-    w.impulse.resize(problem.size()), w.scratch.resize(problem.size());
-    if (residual(problem, solution.impulse, settings.law, w.impulse, w.scratch).solves(settings.tolerance)) {
-      finish(problem, settings, false, solution);
+    solution.residual = residual(problem, solution.impulse, settings.law, solution.velocity);
+    holds = solution.residual.solves(settings.tolerance);
+    if (holds && solution.residual.relative <= aim) {
+      solution.status = Status::Solved;
       return;
     }
-    solution.impulse.setZero();
   }
-  const double aim = 0.5 * settings.tolerance;
   const int budget = settings.max_iterations > 0 ? settings.max_iterations : kBudget;
   double reference = 0.0;  // of the whole certificate, before scaling to an island's unit
   for (const ConstraintSet& set : problem.sets())
     reference = std::max(reference, problem.free_velocity().segment(set.offset, set.size()).norm() /
                                         std::sqrt(problem.scale()[set.offset]));
 
-  const std::vector<Island> islands = find_islands(problem);
+  const int num_islands = find_members(problem, w);
   bool out_of_iterations = false;
   Index largest = -1;
   int history_factorizations = 0;  // of the islands so far, one after the other
   Recorder recorder(problem, settings, solution);
-  for (std::size_t k = 0; k < islands.size(); ++k) {
-    const Island& island = islands[k];
-    const ContactProblem& part = island.problem ? *island.problem : problem;
-    w.problem.setup(part, aim);
-    const Vector* start = nullptr;
-    Vector warm;
+  for (int k = 0; k < num_islands; ++k) {
+    const int *members = w.members.data() + w.first[k], count = w.first[k + 1] - w.first[k];
+    if (guess && num_islands > 1) {
+      const double share_weight = aim / (0.5 * Residual::kLargestShare);
+      if (island_residual(problem, members, count, settings.law, share_weight, solution.impulse, solution.velocity) <=
+          aim)
+        continue;
+    }
+    w.part.assign(members, members + count);
+    const std::vector<int>* island = num_islands > 1 ? &w.part : nullptr;
+    if (island)
+      w.problem.setup_part(problem, w.part, tolerance);
+    else
+      w.problem.setup(problem, tolerance);
+    if (holds && !(settings.law == Law::Ncp && w.problem.system->reduces())) break;  // better would not be cheap
+    // The island's rows in the whole, one set after the other.
+    const auto for_each_row = [&](auto&& visit) {
+      Index row = 0;
+      for (int i = 0; i < count; ++i) {
+        const ConstraintSet& set = problem.sets()[members[i]];
+        for (Index r = 0; r < set.size(); ++r) visit(row++, set.offset + r);
+      }
+    };
     if (guess) {
-      Vector impulse(part.size());
-      for (Index i = 0; i < part.size(); ++i) impulse[i] = guess->impulse[island.row(i)];
-      warm.resize(part.size());
-      w.problem.from_impulse(impulse, warm);
-      start = &warm;
+      w.impulse.resize(w.problem.size());
+      for_each_row([&](Index own, Index row) { w.impulse[own] = guess->impulse[row]; });
+      w.start.resize(w.problem.size());
+      w.problem.from_impulse(w.impulse, w.start);
     }
     IterateObserver observe;
     const int before = history_factorizations;
     if (settings.record_history) {
-      observe = [&](const Vector& l, int factorizations) {
-        Vector impulse(part.size());
+      observe = [&](const ConstVectorRef& l, int factorizations) {
+        Vector impulse(l.size());
         w.problem.to_impulse(l, impulse);
-        for (Index i = 0; i < part.size(); ++i) solution.impulse[island.row(i)] = impulse[i];
+        for_each_row([&](Index own, Index row) { solution.impulse[row] = impulse[own]; });
         recorder.record(solution.impulse, before + factorizations);
       };
     }
-    Ladder ladder(w.problem, part, settings.law, aim, reference / w.problem.unit, budget, may_repair, w,
-                  std::move(observe));
-    ladder.solve(start);
+    Ladder ladder(w.problem, problem, island, settings.law, tolerance, aim, reference / w.problem.unit, budget,
+                  may_repair, w, std::move(observe));
+    ladder.solve(guess ? &w.start : nullptr);
     history_factorizations += ladder.factorizations;
     solution.iterations = std::max(solution.iterations, ladder.iterations);
     solution.factorizations = std::max(solution.factorizations, ladder.factorizations);
-    if (part.size() > largest) largest = part.size(), solution.solver = ladder.method;
+    if (w.problem.size() > largest) largest = w.problem.size(), solution.solver = ladder.method;
     if (ladder.best > settings.tolerance && ladder.factorizations >= budget) out_of_iterations = true;
-    w.impulse.resize(part.size());
+    w.impulse.resize(w.problem.size());
     w.problem.to_impulse(w.best, w.impulse);
-    for (Index i = 0; i < part.size(); ++i) solution.impulse[island.row(i)] = w.impulse[i];
+    for_each_row([&](Index own, Index row) { solution.impulse[row] = w.impulse[own]; });
   }
   finish(problem, settings, out_of_iterations, solution);
 }

@@ -5,19 +5,20 @@
 namespace signorini {
 
 void finish(const ContactProblem& problem, const Settings& settings, bool out_of_iterations, Solution& solution) {
+  solution.velocity.resize(problem.size());
   if (!solution.impulse.allFinite()) {
     solution.impulse.setZero(problem.size());
-    solution.residual = residual(problem, solution.impulse, settings.law, &solution.velocity);
+    solution.residual = residual(problem, solution.impulse, settings.law, solution.velocity);
     solution.status = Status::Invalid;
     return;
   }
-  solution.residual = residual(problem, solution.impulse, settings.law, &solution.velocity);
+  solution.residual = residual(problem, solution.impulse, settings.law, solution.velocity);
   solution.status = solution.residual.solves(settings.tolerance) ? Status::Solved
                     : out_of_iterations                          ? Status::MaxIterations
                                                                  : Status::Stalled;
 }
 
-void Recorder::record(const Vector& l, const ScaledProblem& scaled, int factorizations) {
+void Recorder::record(const ConstVectorRef& l, const ScaledProblem& scaled, int factorizations) {
   if (!settings_.record_history) return;
   const AllowMalloc allow;
   Vector impulse(problem_.size());
@@ -25,7 +26,7 @@ void Recorder::record(const Vector& l, const ScaledProblem& scaled, int factoriz
   record(impulse, factorizations);
 }
 
-void Recorder::record(const Vector& impulse, int factorizations) {
+void Recorder::record(const ConstVectorRef& impulse, int factorizations) {
   if (!settings_.record_history) return;
   const AllowMalloc allow;
   IterationRecord entry;

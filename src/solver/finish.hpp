@@ -15,9 +15,9 @@ class Recorder {
       : problem_(problem), settings_(settings), solution_(solution) {}
 
   /// One more iterate: scaled impulse l of the whole problem.
-  void record(const Vector& l, const ScaledProblem& scaled, int factorizations);
+  void record(const ConstVectorRef& l, const ScaledProblem& scaled, int factorizations);
   /// The same for an impulse that is already in N s.
-  void record(const Vector& impulse, int factorizations);
+  void record(const ConstVectorRef& impulse, int factorizations);
 
  private:
   const ContactProblem& problem_;

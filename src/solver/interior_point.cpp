@@ -18,7 +18,7 @@ namespace {
 
 constexpr double kToBoundary = 0.99;
 constexpr double kLateCentring = 0.1;
-constexpr int kLate = 20;            // iterations after which centring is never less than kLateCentring
+constexpr int kLateIteration = 20;   // iterations after which centring is never less than kLateCentring
 constexpr int kHold = 8;             // iterations that a reduced theta is held, doubled at each recurrence
 constexpr double kEquality = 1e-10;  // keeps redundant one-row sets factorable
 
@@ -69,14 +69,14 @@ double step_to_boundary(const Vector3& x, const Vector3& dx) {
 
 }  // namespace
 
-void InteriorPoint::start(ScaledProblem& problem, Law law, const Vector* l_guess) {
+void InteriorPoint::start(ScaledProblem& problem, Law law, const GrowVector* l_guess) {
   const Index n = problem.size();
   problem_ = &problem;
   law_ = law;
   elements_.clear();
   fixed_.assign(static_cast<std::size_t>(n), 0);
   any_fixed_ = false;
-  for (Vector* v : {&l_, &t_, &natural_, &residual_, &rhs_, &correction_}) v->setZero(n);
+  for (GrowVector* v : {&l_, &t_, &natural_, &residual_, &rhs_}) v->setZero(n);
   x_.resize(static_cast<std::size_t>(problem.sets.num_sets()));
   y_.resize(x_.size());
   iterations_ = factorizations_ = negatives_ = hold_ = 0;
@@ -152,7 +152,7 @@ void InteriorPoint::start(ScaledProblem& problem, Law law, const Vector* l_guess
   if (l_guess) {
     constexpr double kInside = 1e-3;
     for (Element& e : elements_) {
-      const Vector& g = *l_guess;
+      const GrowVector& g = *l_guess;
       if (e.line) {
         const bool interval = problem.sets[e.set].type == SetType::Interval;
         const double room = interval ? problem.sets[e.set].upper - problem.sets[e.set].lower : 1.0;
@@ -324,7 +324,7 @@ bool InteriorPoint::step() {
   const double count = std::max<double>(1.0, static_cast<double>(elements_.size()));
   const double affine = std::min(1.0, longest_step());
   const double ratio = mu_ > 0.0 ? std::max(complementarity(affine) / count / mu_, 0.0) : 0.0;
-  const bool late = negatives_ > 0 || iterations_ > kLate;
+  const bool late = negatives_ > 0 || iterations_ > kLateIteration;
   const double least = late ? std::max(kLateCentring, options.least_centring) : options.least_centring;
   const double centring = std::max(least, std::min(1.0, ratio * ratio * ratio));
 

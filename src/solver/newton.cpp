@@ -16,11 +16,16 @@ namespace {
 
 constexpr int kWatch = 5;  // residuals that the nonmonotone line search looks back on
 constexpr int kMaxHalvings = 10;
+constexpr int kActiveHalvings = 6;
+constexpr double kActiveDelta = 1e-2, kSmallestActiveDelta = 1e-9;
+constexpr int kChords = 4;          // steps with one factor after the first
+constexpr double kChordGain = 0.3;  // what such a step must leave of the residual, at most
+constexpr double kLeastGain = 0.3;  // what an iteration must leave, once the tolerance holds
 constexpr double kLargestDelta = 1e-2, kSmallestDelta = 1e-7, kDeltaFactor = 0.1;
 
 /// X = (I - D) + delta D C and Y = D C of every set (T28 to T31).
-void derivative(const ScaledProblem& problem, Law law, const Vector& l, const Vector& t, double delta, BlockDiagonal& x,
-                BlockDiagonal& y) {
+void derivative(const ScaledProblem& problem, Law law, const ConstVectorRef& l, const ConstVectorRef& t, double delta,
+                BlockDiagonal& x, BlockDiagonal& y) {
   for (Index i = 0; i < problem.sets.num_sets(); ++i) {
     const ConstraintSet& set = problem.sets[i];
     const Index o = set.offset;
@@ -68,10 +73,168 @@ void derivative(const ScaledProblem& problem, Law law, const Vector& l, const Ve
   }
 }
 
+// ---- The active rows alone (T34 to T36). Letters: a = l - t without Gamma; u, v the slip's direction and across it;
+// w = a_T / |a_T|, which is u when the state is fresh; rho = mu a_N / |a_T|.
+
+constexpr double kSmallestRho = 1e-9;
+
+/// The state of every set (T34), from l and its velocity.
+void find_active(const ScaledProblem& problem, const GrowVector& l, const GrowVector& t,
+                 std::vector<ReducedSet>& sets) {
+  using Kind = ReducedSet::Kind;
+  for (Index i = 0; i < problem.sets.num_sets(); ++i) {
+    const ConstraintSet& set = problem.sets[i];
+    const Index o = set.offset;
+    ReducedSet& reduced = sets[static_cast<std::size_t>(i)];
+    const double a = l[o] - t[o];
+    switch (set.type) {
+      case SetType::FrictionCone: {
+        const double a1 = l[o + 1] - t[o + 1], normal = l[o + 2] - t[o + 2];
+        if (normal <= 0.0) {
+          reduced.kind = Kind::Fixed;
+          break;
+        }
+        const double tangent = std::sqrt(a * a + a1 * a1), radius = set.friction * normal;
+        if (tangent <= radius) {
+          reduced.kind = Kind::Stick;
+        } else if (set.friction == 0.0) {
+          reduced.kind = Kind::Normal;
+        } else {
+          reduced.kind = Kind::Slip;
+          reduced.u0 = a / tangent, reduced.u1 = a1 / tangent;
+          reduced.friction = set.friction;
+          const double rho = std::max(radius / tangent, kSmallestRho);
+          reduced.weight = (1.0 - rho) / rho;
+        }
+        break;
+      }
+      case SetType::HalfLine:
+        reduced.kind = a > 0.0 ? Kind::Line : Kind::Fixed;
+        break;
+      case SetType::Interval:
+        reduced.kind = a > set.lower && a < set.upper ? Kind::Line : Kind::Fixed;
+        break;
+      case SetType::Equality:
+        reduced.kind = Kind::Line;
+        break;
+    }
+  }
+}
+
+/// The part of the step that is known beforehand (T35): to zero, to a bound, or onto the cone along the slip. False
+/// when there is none.
+bool find_jump(const ScaledProblem& problem, const std::vector<ReducedSet>& sets, const GrowVector& l,
+               const GrowVector& t, GrowVector& jump) {
+  using Kind = ReducedSet::Kind;
+  jump.setZero();
+  bool any = false;
+  for (Index i = 0; i < problem.sets.num_sets(); ++i) {
+    const ConstraintSet& set = problem.sets[i];
+    const ReducedSet& reduced = sets[static_cast<std::size_t>(i)];
+    const Index o = set.offset;
+    switch (reduced.kind) {
+      case Kind::Fixed:
+        if (set.type == SetType::FrictionCone) {
+          for (Index k = o; k < o + 3; ++k) {
+            jump[k] = -l[k];
+            any |= l[k] != 0.0;
+          }
+        } else {
+          double p = l[o] - t[o];
+          project(set, &p, &p);
+          jump[o] = p - l[o];
+          any |= jump[o] != 0.0;
+        }
+        break;
+      case Kind::Normal:
+        jump[o] = -l[o], jump[o + 1] = -l[o + 1];
+        any |= jump[o] != 0.0 || jump[o + 1] != 0.0;
+        break;
+      case Kind::Slip: {
+        const double a0 = l[o] - t[o], a1 = l[o + 1] - t[o + 1], tangent = std::sqrt(a0 * a0 + a1 * a1);
+        const double along = tangent > 0.0 ? (reduced.u0 * a0 + reduced.u1 * a1) / tangent : 1.0;  // u . w
+        const double step = set.friction * l[o + 2] * along - (reduced.u0 * l[o] + reduced.u1 * l[o + 1]);
+        jump[o] = step * reduced.u0, jump[o + 1] = step * reduced.u1;
+        any |= step != 0.0;
+        break;
+      }
+      default:
+        break;
+    }
+  }
+  return any;
+}
+
+/// Right-hand side of the reduced system (T35, T36); `moved` is t after the jump.
+void find_right_side(const ScaledProblem& problem, const std::vector<ReducedSet>& sets, const GrowVector& l,
+                     const GrowVector& t, const GrowVector& moved, GrowVector& rhs) {
+  using Kind = ReducedSet::Kind;
+  for (Index i = 0; i < problem.sets.num_sets(); ++i) {
+    const ReducedSet& reduced = sets[static_cast<std::size_t>(i)];
+    const Index o = problem.sets[i].offset;
+    switch (reduced.kind) {
+      case Kind::Fixed:
+        break;
+      case Kind::Line:
+        rhs[o] = -moved[o];
+        break;
+      case Kind::Normal:
+        rhs[o] = -moved[o + 2];
+        break;
+      case Kind::Slip: {
+        const double a0 = l[o] - t[o], a1 = l[o + 1] - t[o + 1], tangent = std::sqrt(a0 * a0 + a1 * a1);
+        const double radius = problem.sets[i].friction * (l[o + 2] - t[o + 2]);
+        const double across = reduced.u0 * l[o + 1] - reduced.u1 * l[o];                           // v . l
+        const double drift = tangent > 0.0 ? (reduced.u0 * a1 - reduced.u1 * a0) / tangent : 0.0;  // v . w
+        rhs[o] = (radius * drift - across) * (1.0 + reduced.weight) -
+                 (reduced.u0 * (moved[o + 1] - t[o + 1]) - reduced.u1 * (moved[o] - t[o]));
+        rhs[o + 1] = -moved[o + 2];
+        break;
+      }
+      case Kind::Stick:
+        for (Index k = o; k < o + 3; ++k) rhs[k] = -moved[k];
+        break;
+    }
+  }
+}
+
+/// direction = jump + F x, x being the reduced solution.
+void expand(const ScaledProblem& problem, const std::vector<ReducedSet>& sets, const GrowVector& jump,
+            const GrowVector& x, GrowVector& direction) {
+  using Kind = ReducedSet::Kind;
+  direction = jump;
+  for (Index i = 0; i < problem.sets.num_sets(); ++i) {
+    const ReducedSet& reduced = sets[static_cast<std::size_t>(i)];
+    const Index o = problem.sets[i].offset;
+    switch (reduced.kind) {
+      case Kind::Fixed:
+        break;
+      case Kind::Line:
+        direction[o] = x[o];
+        break;
+      case Kind::Normal:
+        direction[o + 2] = x[o];
+        break;
+      case Kind::Slip: {
+        const double along = reduced.friction * x[o + 1];
+        direction[o] += along * reduced.u0 - x[o] * reduced.u1;
+        direction[o + 1] += along * reduced.u1 + x[o] * reduced.u0;
+        direction[o + 2] = x[o + 1];
+        break;
+      }
+      case Kind::Stick:
+        for (Index k = o; k < o + 3; ++k) direction[k] = x[k];
+        break;
+    }
+  }
+}
+
 }  // namespace
 
 void NewtonMemory::resize(Index size, Index num_sets) {
-  for (Vector* v : {&l, &t, &natural, &direction, &trial, &trial_t, &trial_natural, &best}) v->resize(size);
+  for (GrowVector* v : {&l, &t, &natural, &direction, &trial, &trial_t, &trial_natural, &best, &jump, &rhs})
+    v->resize(size);
+  reduced.resize(static_cast<std::size_t>(num_sets));
   x.resize(static_cast<std::size_t>(num_sets));
   y.resize(static_cast<std::size_t>(num_sets));
 }
@@ -80,7 +243,7 @@ NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance
                                const IterateObserver& observe) {
   const NoMalloc guard;
   NewtonResult result;
-  const auto evaluate = [&](const Vector& l, Vector& t, Vector& natural) {
+  const auto evaluate = [&](const GrowVector& l, GrowVector& t, GrowVector& natural) {
     problem.system->apply(l, t);
     t += problem.b;
     return natural_residual(problem, law, l, t, natural);
@@ -125,6 +288,83 @@ NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance
   return result;
 }
 
+NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, double aim, int max_iterations,
+                                      NewtonMemory& m, const IterateObserver& observe) {
+  const NoMalloc guard;
+  NewtonResult result;
+  const auto evaluate = [&](const GrowVector& l, GrowVector& t, GrowVector& natural) {
+    problem.system->apply(l, t);
+    t += problem.b;
+    return natural_residual(problem, Law::Ncp, l, t, natural);
+  };
+  /// direction from m.l with the factor and the states at hand.
+  const auto find_direction = [&] {
+    const bool jumps = find_jump(problem, m.reduced, m.l, m.t, m.jump);
+    if (jumps) {
+      problem.system->apply(m.jump, m.trial_t);
+      m.trial_t += m.t;
+    }
+    find_right_side(problem, m.reduced, m.l, m.t, jumps ? m.trial_t : m.t, m.rhs);
+    problem.system->solve_reduced(m.rhs);
+    expand(problem, m.reduced, m.jump, m.rhs, m.direction);
+  };
+  double relative = evaluate(m.l, m.t, m.natural);
+  const auto accept = [&](double accepted) {
+    swap(m.l, m.trial);
+    swap(m.t, m.trial_t);
+    swap(m.natural, m.trial_natural);
+    relative = accepted;
+    if (relative < result.relative) result.relative = relative, m.best = m.l;
+    if (observe) {
+      const AllowMalloc allow;
+      observe(m.l, result.factorizations);
+    }
+  };
+  result.relative = relative;
+  m.best = m.l;
+  double merits[kWatch];
+  std::fill(merits, merits + kWatch, 0.0);
+  for (; result.iterations < max_iterations && relative > aim; ++result.iterations) {
+    const double before = relative;
+    merits[result.iterations % kWatch] = m.natural.norm();
+    find_active(problem, m.l, m.t, m.reduced);
+    ++result.factorizations;
+    const double delta = std::clamp(kActiveDelta * relative, kSmallestActiveDelta, kLargestDelta);
+    if (!problem.system->factor_reduced(m.reduced, delta)) break;
+    find_direction();
+
+    const double reference = *std::max_element(merits, merits + kWatch);
+    double step = 1.0;
+    for (int halvings = 0;; ++halvings, step *= 0.5) {
+      m.trial = m.l + step * m.direction;
+      const double tried = evaluate(m.trial, m.trial_t, m.trial_natural);
+      if (m.trial_natural.norm() <= (1.0 - 1e-4 * step) * reference || halvings == kActiveHalvings) {
+        accept(tried);
+        break;
+      }
+    }
+    if (std::isnan(relative)) break;
+    // Again with the same factor, as long as that gains.
+    for (int chord = 0; step == 1.0 && chord < kChords && relative > aim; ++chord) {
+      find_direction();
+      m.trial = m.l + m.direction;
+      const double tried = evaluate(m.trial, m.trial_t, m.trial_natural);
+      if (!(tried <= kChordGain * relative)) break;
+      accept(tried);
+    }
+    if (result.relative <= tolerance && !(relative <= kLeastGain * before)) break;
+  }
+  // The answer lies in the cones where that costs nothing.
+  problem.sets.project(m.best, m.trial);
+  if (result.relative <= 0.1 * tolerance) {  // a projection moves it by no more than its residual
+    m.best = m.trial;
+    return result;
+  }
+  const double projected = evaluate(m.trial, m.trial_t, m.trial_natural);
+  if (projected <= std::max(result.relative, tolerance)) result.relative = projected, m.best = m.trial;
+  return result;
+}
+
 void solve_newton(const ContactProblem& problem, const Settings& settings, NewtonWorkspace& w, const Guess* guess,
                   Solution& solution) {
   w.problem.setup(problem, 0.5 * settings.tolerance);
@@ -136,9 +376,9 @@ void solve_newton(const ContactProblem& problem, const Settings& settings, Newto
   const int max_iterations = settings.max_iterations > 0 ? settings.max_iterations : 100;
   Recorder recorder(problem, settings, solution);
   recorder.record(w.memory.l, w.problem, 0);
-  const NewtonResult result =
-      newton_iterations(w.problem, settings.law, 0.5 * settings.tolerance, max_iterations, w.memory,
-                        [&](const Vector& l, int factorizations) { recorder.record(l, w.problem, factorizations); });
+  const NewtonResult result = newton_iterations(
+      w.problem, settings.law, 0.5 * settings.tolerance, max_iterations, w.memory,
+      [&](const ConstVectorRef& l, int factorizations) { recorder.record(l, w.problem, factorizations); });
   solution.iterations = result.iterations;
   solution.factorizations = result.factorizations;
   w.problem.to_impulse(w.memory.best, solution.impulse);

@@ -11,8 +11,8 @@
 namespace signorini {
 namespace {
 
-constexpr int kDefaultIterations = 5000;
-constexpr int kCheckInterval = 10;  // sweeps; a check costs about as much as one
+constexpr int kDefaultSweeps = 5000;
+constexpr int kSweepsBetweenChecks = 10;  // sweeps; a check costs about as much as one
 
 /// Step lengths with which a step on one block alone does not overshoot.
 PgsWorkspace::Step step_length(const ContactProblem& problem, const SparseMatrix& matrix, const ConstraintSet& set) {
@@ -92,7 +92,7 @@ class Sweep {
 
 void solve_pgs(const ContactProblem& problem, const Settings& settings, PgsWorkspace& w, const Guess* guess,
                Solution& solution) {
-  const int max_iterations = settings.max_iterations > 0 ? settings.max_iterations : kDefaultIterations;
+  const int max_iterations = settings.max_iterations > 0 ? settings.max_iterations : kDefaultSweeps;
   w.matrix = problem.delassus().matrix();
   w.step.clear();
   for (const ConstraintSet& set : problem.sets()) w.step.push_back(step_length(problem, w.matrix, set));
@@ -108,7 +108,7 @@ void solve_pgs(const ContactProblem& problem, const Settings& settings, PgsWorks
   double best_relative = std::numeric_limits<double>::infinity();
   // The certificate, which also refreshes sigma. True when there is nothing more to do.
   const auto check = [&] {
-    const Residual certificate = residual(problem, w.impulse, settings.law, w.sigma, w.scratch);
+    const Residual certificate = residual(problem, w.impulse, settings.law, w.sigma);
     const bool solves = certificate.solves(settings.tolerance);
     if (solves || certificate.relative < best_relative) {
       best_relative = certificate.relative;
@@ -127,7 +127,7 @@ void solve_pgs(const ContactProblem& problem, const Settings& settings, PgsWorks
     while (!done && solution.iterations < max_iterations) {
       sweep();
       const int k = ++solution.iterations;
-      if (k < kCheckInterval || k % kCheckInterval == 0 || k == max_iterations || settings.record_history) {
+      if (k < kSweepsBetweenChecks || k % kSweepsBetweenChecks == 0 || k == max_iterations || settings.record_history) {
         done = check();
       }
     }

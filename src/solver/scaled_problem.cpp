@@ -3,37 +3,48 @@
 #include <algorithm>
 #include <cmath>
 
-#include "signorini/problem/de_saxce.hpp"
-
 namespace signorini {
 
-void ScaledProblem::setup(const ContactProblem& problem, double tolerance, bool scaled) {
+void ScaledProblem::take(const ContactProblem& problem, const std::vector<int>* part, double tolerance, bool scaled) {
   share_weight = tolerance / (0.5 * Residual::kLargestShare);
-  const Index n = problem.size();
-  scale = scaled ? Vector(problem.scale().cwiseSqrt().cwiseInverse()) : Vector::Ones(n);
-  b = scale.cwiseProduct(problem.free_velocity());
-  unit = 1.0;
-  if (scaled && n > 0) {
-    const double largest = b.cwiseAbs().maxCoeff();
-    if (largest > 0.0) unit = std::max(largest, 1e-200);
-    b /= unit;
-  }
-  reference = 0.0;
-  sets = ConstraintSets();
-  for (const ConstraintSet& set : problem.sets()) {
-    reference = std::max(reference, b.segment(set.offset, set.size()).norm());
-    ConstraintSet scaled_set = set;
-    const double factor = 1.0 / (scale[set.offset] * unit);
-    scaled_set.lower *= factor, scaled_set.upper *= factor;
-    if (set.type == SetType::Interval) {
-      const double zero = 0.0;
-      double imposed;
-      project(scaled_set, &zero, &imposed);
-      reference = std::max(reference, std::abs(imposed));
+  const Index count = part ? static_cast<Index>(part->size()) : problem.num_sets();
+  sets.clear();
+  for (Index i = 0; i < count; ++i) sets.add(problem.sets()[part ? (*part)[i] : i]);
+  for (GrowVector* v : {&scale, &b, &compliance_}) v->resize(sets.size());
+  double largest = 0.0;
+  for (Index i = 0; i < count; ++i) {
+    const Index size = sets[i].size(), to = sets[i].offset, from = problem.sets()[part ? (*part)[i] : i].offset;
+    const double factor = scaled ? 1.0 / std::sqrt(problem.scale()[from]) : 1.0;
+    for (Index k = 0; k < size; ++k) {
+      scale[to + k] = factor;
+      b[to + k] = factor * problem.free_velocity()[from + k];
+      compliance_[to + k] = problem.compliance()[from + k];
+      largest = std::max(largest, std::abs(b[to + k]));
     }
-    sets.add(scaled_set);
   }
-  problem.delassus().prepare(problem.sets(), scale, problem.compliance(), system);
+  unit = scaled && largest > 0.0 ? std::max(largest, 1e-200) : 1.0;
+  b /= unit;
+  reference = 0.0;
+  for (Index i = 0; i < count; ++i) {
+    const ConstraintSet& set = sets[i];
+    reference = std::max(reference, set.size() == 3 ? b.segment<3>(set.offset).norm() : std::abs(b[set.offset]));
+    if (set.type != SetType::Interval) continue;
+    const double factor = 1.0 / (scale[set.offset] * unit), zero = 0.0;
+    sets.set_bounds(i, set.lower * factor, set.upper * factor);
+    double imposed;
+    project(set, &zero, &imposed);
+    reference = std::max(reference, std::abs(imposed));
+  }
+}
+
+void ScaledProblem::setup(const ContactProblem& problem, double tolerance, bool scaled) {
+  take(problem, nullptr, tolerance, scaled);
+  problem.delassus().prepare(sets, scale, compliance_, system);
+}
+
+void ScaledProblem::setup_part(const ContactProblem& problem, const std::vector<int>& part, double tolerance) {
+  take(problem, &part, tolerance, true);
+  problem.delassus().prepare_part(problem.sets(), part, sets, scale, compliance_, system);
 }
 
 void ScaledProblem::regularize(const ContactProblem& problem, double weight) {

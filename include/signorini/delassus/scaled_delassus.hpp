@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <vector>
 
 #include "signorini/types.hpp"
@@ -8,6 +9,21 @@ namespace signorini {
 
 /// A square block diagonal, one block a constraint set: 3 x 3 for a friction cone; for a one-row set, entry (0, 0).
 using BlockDiagonal = std::vector<Eigen::Matrix3d, Eigen::aligned_allocator<Eigen::Matrix3d>>;
+
+/// What a reduced system keeps of one set (docs/theory.md, T35): its unknowns and as many equations.
+struct ReducedSet {
+  enum class Kind : std::uint8_t {
+    Fixed,   ///< nothing: the impulse is known
+    Line,    ///< the one row of a one-row set
+    Normal,  ///< of a friction cone, the normal alone
+    Slip,    ///< the tangent across the slip, and the normal, with which the tangent along the slip goes
+    Stick    ///< all three rows
+  };
+  Kind kind = Kind::Fixed;
+  double u0 = 1.0, u1 = 0.0;  ///< Slip: direction of the tangential impulse, a unit vector
+  double friction = 0.0;      ///< Slip
+  double weight = 0.0;        ///< Slip: added to the diagonal across the slip
+};
 
 /// A = S (G + R) S in a solver's own scale, and the one kind of linear system that all solvers share:
 ///     (X + Y A) x = r,   X and Y block diagonal (docs/theory.md, T16).
@@ -27,6 +43,13 @@ class ScaledDelassus {
   virtual int determinant_sign() const = 0;
   /// Solves with the last factorisation, in place.
   virtual void solve(VectorRef rhs) const = 0;
+
+  /// True when the next two are there.
+  virtual bool reduces() const { return false; }
+  /// Factors the reduced matrix E^T A F + delta I + weights (T35). False when it is singular or not finite.
+  virtual bool factor_reduced(const std::vector<ReducedSet>& /*sets*/, double /*delta*/) { return false; }
+  /// Solves with it in place: rhs and solution start at each set's first row, the rest of its rows is left alone.
+  virtual void solve_reduced(VectorRef /*rhs*/) const {}
 };
 
 }  // namespace signorini

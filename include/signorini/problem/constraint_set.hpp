@@ -47,6 +47,10 @@ class ConstraintSets {
   void add_equality(Index count = 1);
   /// The same set again; its offset is replaced.
   void add(ConstraintSet set);
+  /// Of an interval; lower <= upper is the caller's business.
+  void set_bounds(Index i, double lower, double upper);
+  /// No sets again; the memory is kept.
+  void clear();
 
   Index size() const { return size_; }  ///< rows
   Index num_sets() const { return static_cast<Index>(sets_.size()); }

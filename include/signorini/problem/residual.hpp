@@ -28,12 +28,19 @@ struct Residual {
   static constexpr double kLargestShare = 0.1;
 };
 
+/// What one set contributes to Residual::relative (T11, T12): error |l - P_K(l - t)|, size |l|, and free |g| / sqrt(d),
+/// or the impulse that an interval imposes. velocity: sigma of the whole problem.
+struct RelativePart {
+  double error = 0.0, size = 0.0, free = 0.0;
+};
+RelativePart relative_part(const ContactProblem& problem, Index set, const ConstVectorRef& impulse,
+                           const ConstVectorRef& velocity, Law law);
+
 /// impulse: n values [N s]. velocity, if given, receives sigma (without Gamma).
 Residual residual(const ContactProblem& problem, const ConstVectorRef& impulse, Law law = Law::Ncp,
                   Vector* velocity = nullptr);
 
-/// The same without allocating: sigma and scratch have n values; sigma is an output.
-Residual residual(const ContactProblem& problem, const ConstVectorRef& impulse, Law law, VectorRef sigma,
-                  VectorRef scratch);
+/// The same without allocating: sigma, n values, is an output.
+Residual residual(const ContactProblem& problem, const ConstVectorRef& impulse, Law law, VectorRef sigma);
 
 }  // namespace signorini

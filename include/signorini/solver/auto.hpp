@@ -11,7 +11,8 @@ struct AutoWorkspace {
   ScaledProblem problem;
   InteriorPoint interior_point;
   NewtonMemory newton;
-  Vector l, best, impulse, scratch;
+  GrowVector best, start, impulse, scratch;
+  std::vector<int> labels, first, members, part;  ///< of the sets: island; islands' first members; sets by island
 };
 
 /// The default method: nobody should have to choose (docs/auto.md).

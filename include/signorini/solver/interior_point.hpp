@@ -14,13 +14,13 @@ namespace signorini {
 class InteriorPoint {
  public:
   /// Starts at the centre of the cones, or next to l_guess (scaled impulse) when given.
-  void start(ScaledProblem& problem, Law law, const Vector* l_guess = nullptr);
+  void start(ScaledProblem& problem, Law law, const GrowVector* l_guess = nullptr);
 
   /// One step; false when it cannot go on (not finite).
   bool step();
 
-  double relative() const { return relative_; }  ///< certificate of impulse()
-  const Vector& impulse() const { return l_; }   ///< scaled, inside the cones
+  double relative() const { return relative_; }     ///< certificate of impulse()
+  const GrowVector& impulse() const { return l_; }  ///< scaled, inside the cones
   int factorizations() const { return factorizations_; }
   int iterations() const { return iterations_; }
   /// True after a step whose matrix had a negative determinant: the De Saxce derivative is held back.
@@ -60,7 +60,7 @@ class InteriorPoint {
   std::vector<Element> elements_;
   std::vector<std::uint8_t> fixed_;  // rows whose impulse is fixed: tangents of frictionless contacts, points
   bool any_fixed_ = false;
-  Vector l_, t_, natural_, residual_, rhs_, correction_;
+  GrowVector l_, t_, natural_, residual_, rhs_;
   BlockDiagonal x_, y_;
   double relative_ = 0.0, mu_ = 0.0, step_ = 1.0, theta_ = 1.0;
   int iterations_ = 0, factorizations_ = 0, negatives_ = 0, hold_ = 0, hold_length_ = 8;
@@ -69,7 +69,7 @@ class InteriorPoint {
 struct InteriorPointWorkspace {
   ScaledProblem problem;
   InteriorPoint method;
-  Vector best, scratch;
+  GrowVector best, scratch;
 };
 
 void solve_interior_point(const ContactProblem& problem, const Settings& settings, InteriorPointWorkspace& workspace,

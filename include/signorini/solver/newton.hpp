@@ -1,21 +1,24 @@
 #pragma once
 
 #include <functional>
+#include <vector>
 
 #include "signorini/solver/scaled_problem.hpp"
 #include "signorini/solver/solution.hpp"
 
 namespace signorini {
 
-/// Vectors of the semismooth Newton method, sized once.
+/// Vectors of the semismooth Newton methods, sized once.
 struct NewtonMemory {
-  Vector l, t, natural, direction, trial, trial_t, trial_natural, best;
+  GrowVector l, t, natural, direction, trial, trial_t, trial_natural, best;
   BlockDiagonal x, y;
+  std::vector<ReducedSet> reduced;
+  GrowVector jump, rhs;
   void resize(Index size, Index num_sets);
 };
 
 /// Called with each iterate (scaled impulse) and the factorisations so far; empty: not called.
-using IterateObserver = std::function<void(const Vector& l, int factorizations)>;
+using IterateObserver = std::function<void(const ConstVectorRef& l, int factorizations)>;
 
 struct NewtonResult {
   double relative = 0.0;  ///< certificate of NewtonMemory::best
@@ -28,6 +31,13 @@ struct NewtonResult {
 /// the best iterate seen.
 NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance, int max_iterations,
                                NewtonMemory& memory, const IterateObserver& observe = {});
+
+/// Semismooth Newton on Alart and Curnier's equations of the NCP, reduced to the rows that are active (section 9 of
+/// docs/theory.md): smaller systems, and symmetric ones where nothing slips. Made for warm starts: from memory.l, a
+/// factor is used again while it gains, so that the answer is often far better than `tolerance`; stops at `aim` <=
+/// tolerance, or at the tolerance once a step gains nothing. For systems that reduce() only.
+NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, double aim, int max_iterations,
+                                      NewtonMemory& memory, const IterateObserver& observe = {});
 
 struct NewtonWorkspace {
   ScaledProblem problem;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <vector>
 
 #include "signorini/problem/contact_problem.hpp"
 #include "signorini/problem/residual.hpp"
@@ -13,8 +14,8 @@ namespace signorini {
 /// with S = diag(1 / sqrt(d)). One factor per set keeps friction cones; interval bounds are scaled along.
 struct ScaledProblem {
   ConstraintSets sets;
-  Vector scale;  ///< diagonal of S
-  Vector b;
+  GrowVector scale;  ///< diagonal of S
+  GrowVector b;
   double unit = 1.0;
   double reference = 0.0;  ///< max over the sets of |b_i|: the certificate's scale when impulses are smaller
   /// What natural_residual adds to the relative residual so that both tests of Residual::solves are one: the residual
@@ -25,6 +26,8 @@ struct ScaledProblem {
   /// Sizes and fills everything. tolerance: what the caller will compare natural_residual with.
   /// scaled = false: S = I, unit = 1.
   void setup(const ContactProblem& problem, double tolerance, bool scaled = true);
+  /// The same of some of the problem's sets, given by their numbers, ascending: a whole island.
+  void setup_part(const ContactProblem& problem, const std::vector<int>& part, double tolerance);
 
   /// Makes A stand for A + weight I: a compliance of `weight` times the diagonal. 0: the problem itself again.
   void regularize(const ContactProblem& problem, double weight);
@@ -32,6 +35,10 @@ struct ScaledProblem {
   Index size() const { return b.size(); }
   void to_impulse(const ConstVectorRef& l, VectorRef impulse) const { impulse = unit * scale.cwiseProduct(l); }
   void from_impulse(const ConstVectorRef& impulse, VectorRef l) const { l = impulse.cwiseQuotient(scale) / unit; }
+
+ private:
+  void take(const ContactProblem& problem, const std::vector<int>* part, double tolerance, bool scaled);
+  GrowVector compliance_;
 };
 
 /// The certificate's relative residual of l (T15), or the residual over `reference` times share_weight if larger, from

@@ -25,8 +25,8 @@ struct IterationRecord {
 struct Solution {
   Status status = Status::Invalid;
   SolverType solver = SolverType::Auto;  ///< the method that produced the answer, of the largest island
-  Vector impulse;                        ///< lambda [N s]
-  Vector velocity;                       ///< sigma = (G + R) lambda + g [m/s], without Gamma
+  GrowVector impulse;                    ///< lambda [N s]
+  GrowVector velocity;                   ///< sigma = (G + R) lambda + g [m/s], without Gamma
   Residual residual;                     ///< the certificate of `impulse`
   int iterations = 0;                    ///< auto: of the island that took the most
   int factorizations = 0;                ///< likewise
@@ -37,7 +37,7 @@ struct Solution {
 
 /// Where to start. The impulse needs not be feasible. Raises InvalidInput when sizes differ or entries are not finite.
 struct Guess {
-  Vector impulse;        ///< n values [N s]
+  GrowVector impulse;    ///< n values [N s]
   double penalty = 0.0;  ///< ADMM's rho of the last solve; 0: chosen by the rule
 };
 

@@ -25,35 +25,35 @@ Penalty started(PenaltyRule rule, double penalty = 0.0, double m = 1e-4, double 
   return rho;
 }
 
-bool near(double a, double b) { return std::abs(a - b) <= 1e-12 * std::abs(b); }
+bool close(double a, double b) { return std::abs(a - b) <= 1e-12 * std::abs(b); }
 
 }  // namespace
 
 BOOST_AUTO_TEST_CASE(spectral_rule_follows_equation_46) {
   Penalty rho = started(PenaltyRule::Spectral);
-  BOOST_TEST(near(rho.value(), 0.1 * std::pow(1e6, 0.3)));
+  BOOST_TEST(close(rho.value(), 0.1 * std::pow(1e6, 0.3)));
   BOOST_TEST(!rho.update(9.0, 1.0, 1.0, 1.0));  // inside the tube
   BOOST_TEST(!rho.update(1.0, 9.0, 1.0, 1.0));
   BOOST_TEST(rho.update(10.0, 1.0, 1.0, 1.0));
-  BOOST_TEST(near(rho.value(), 0.1 * std::pow(1e6, 0.35)));
+  BOOST_TEST(close(rho.value(), 0.1 * std::pow(1e6, 0.35)));
   BOOST_TEST(rho.update(1.0, 10.0, 1.0, 1.0));
   BOOST_TEST(rho.update(1.0, 10.0, 1.0, 1.0));
-  BOOST_TEST(near(rho.value(), 0.1 * std::pow(1e6, 0.25)));
+  BOOST_TEST(close(rho.value(), 0.1 * std::pow(1e6, 0.25)));
 }
 
 BOOST_AUTO_TEST_CASE(spectral_rule_goes_on_from_a_given_penalty) {
   Penalty rho = started(PenaltyRule::Spectral, 0.7);
-  BOOST_TEST(near(rho.value(), 0.7));
+  BOOST_TEST(close(rho.value(), 0.7));
   BOOST_TEST(rho.update(10.0, 1.0, 1.0, 1.0));
-  BOOST_TEST(near(rho.value(), 0.7 * std::pow(1e6, 0.05)));
+  BOOST_TEST(close(rho.value(), 0.7 * std::pow(1e6, 0.05)));
 }
 
 BOOST_AUTO_TEST_CASE(linear_rule_follows_equation_44) {
   Penalty rho = started(PenaltyRule::Linear, 3.0);
   BOOST_TEST(rho.update(10.0, 1.0, 1.0, 1.0));
-  BOOST_TEST(near(rho.value(), 12.0));
+  BOOST_TEST(close(rho.value(), 12.0));
   BOOST_TEST(rho.update(0.1, 1.0, 1.0, 1.0));
-  BOOST_TEST(near(rho.value(), 3.0));
+  BOOST_TEST(close(rho.value(), 3.0));
   BOOST_TEST(!rho.update(1.0, 1.0, 1.0, 1.0));
 }
 
@@ -78,7 +78,7 @@ BOOST_AUTO_TEST_CASE(residual_balancing_weighs_residuals_by_their_scales) {
   bool moved = false;
   for (int k = 0; k < 1000 && !moved; ++k) moved = rho.update(1.0, 1.0, 1e4, 1.0);
   BOOST_TEST(moved);
-  BOOST_TEST(near(rho.value(), 1e-2));
+  BOOST_TEST(close(rho.value(), 1e-2));
 }
 
 BOOST_AUTO_TEST_CASE(constant_stays) {

@@ -31,7 +31,7 @@ void for_all_solvers(Function&& function) {
   }
 }
 
-bool near(const Vector& a, const Vector& b, double tolerance = 1e-6) {
+bool nearly(const Vector& a, const Vector& b, double tolerance = 1e-6) {
   return (a - b).norm() <= tolerance * std::max(1e-300, b.norm());
 }
 
@@ -42,7 +42,7 @@ BOOST_AUTO_TEST_CASE(sticks_at_nine_tenths_of_the_cone) {
     const double mu = 0.5, mass = 3.0;
     const Vector g = vector3(0.9 * mu * 2.0 * 0.6, -0.9 * mu * 2.0 * 0.8, -2.0);
     const Solution solution = solved(point_on_ground(mass, mu, g), settings);
-    BOOST_TEST(near(solution.impulse, -mass * g));
+    BOOST_TEST(nearly(solution.impulse, -mass * g));
     BOOST_TEST(solution.velocity.norm() <= 1e-6);
   });
 }
@@ -53,8 +53,8 @@ BOOST_AUTO_TEST_CASE(slips_at_eleven_tenths_of_the_cone) {
     const Vector direction = vector3(0.6, -0.8, 0.0);
     const Vector g = 1.1 * mu * 2.0 * direction + vector3(0.0, 0.0, -2.0);
     const Solution solution = solved(point_on_ground(mass, mu, g), settings);
-    BOOST_TEST(near(solution.impulse, mass * (vector3(0.0, 0.0, 2.0) - mu * 2.0 * direction)));
-    BOOST_TEST(near(solution.velocity, 0.1 * mu * 2.0 * direction));  // and no hop
+    BOOST_TEST(nearly(solution.impulse, mass * (vector3(0.0, 0.0, 2.0) - mu * 2.0 * direction)));
+    BOOST_TEST(nearly(solution.velocity, 0.1 * mu * 2.0 * direction));  // and no hop
   });
 }
 
@@ -66,7 +66,7 @@ BOOST_AUTO_TEST_CASE(the_relaxation_hops_when_it_slips) {
     Vector expected(3);  // of the relaxation: the projection of -g on the cone
     project_friction_cone(mu, Vector(-g).data(), expected.data());
     const Solution solution = solved(point_on_ground(1.0, mu, g), settings);
-    BOOST_TEST(near(solution.impulse, expected));
+    BOOST_TEST(nearly(solution.impulse, expected));
     BOOST_TEST(solution.velocity[2] > 0.1);
   });
 }
@@ -76,7 +76,7 @@ BOOST_AUTO_TEST_CASE(no_force_on_what_separates) {
     const Vector g = vector3(5.0, 1.0, 0.01);
     const Solution solution = solved(point_on_ground(3.0, 0.9, g), settings);
     BOOST_TEST(solution.impulse.norm() <= 1e-7);
-    BOOST_TEST(near(solution.velocity, g));
+    BOOST_TEST(nearly(solution.velocity, g));
   });
   for (const SolverType solver : {SolverType::Auto, SolverType::Admm, SolverType::Pgs}) {
     BOOST_TEST(solve(point_on_ground(3.0, 0.9, vector3(5.0, 1.0, 0.01)), settings_for(solver)).impulse.norm() == 0.0);
@@ -86,8 +86,8 @@ BOOST_AUTO_TEST_CASE(no_force_on_what_separates) {
 BOOST_AUTO_TEST_CASE(without_friction_tangents_are_free) {
   for_all_solvers([](const Settings& settings) {
     const Solution solution = solved(point_on_ground(2.0, 0.0, vector3(3.0, -1.0, -4.0)), settings);
-    BOOST_TEST(near(solution.impulse, vector3(0.0, 0.0, 8.0)));
-    BOOST_TEST(near(solution.velocity, vector3(3.0, -1.0, 0.0)));
+    BOOST_TEST(nearly(solution.impulse, vector3(0.0, 0.0, 8.0)));
+    BOOST_TEST(nearly(solution.velocity, vector3(3.0, -1.0, 0.0)));
   });
 }
 
@@ -95,7 +95,7 @@ BOOST_AUTO_TEST_CASE(huge_friction_sticks) {
   for_all_solvers([](Settings settings) {
     settings.tolerance = 1e-6;
     const Vector g = vector3(3.0, -1.0, -4.0);
-    BOOST_TEST(near(solved(point_on_ground(2.0, 1e3, g), settings).impulse, -2.0 * g, 1e-4));
+    BOOST_TEST(nearly(solved(point_on_ground(2.0, 1e3, g), settings).impulse, -2.0 * g, 1e-4));
   });
 }
 
@@ -120,7 +120,7 @@ BOOST_AUTO_TEST_CASE(compliance_gives_way) {
     const double mass = 2.0, compliance = 0.7;
     const Vector r = vector3(0.0, 0.0, compliance);
     const Solution solution = solved(point_on_ground(mass, 0.5, vector3(0.0, 0.0, -3.0), r), settings);
-    BOOST_TEST(near(solution.impulse, vector3(0.0, 0.0, 3.0 / (1.0 / mass + compliance))));
+    BOOST_TEST(nearly(solution.impulse, vector3(0.0, 0.0, 3.0 / (1.0 / mass + compliance))));
   });
 }
 
@@ -133,7 +133,7 @@ BOOST_AUTO_TEST_CASE(gauss_seidel_keeps_the_velocity_of_a_soft_contact) {
   settings.max_iterations = 100;
   const Vector r = vector3(compliance, compliance, compliance), g = vector3(0.3, -0.4, -3.0);
   const Solution solution = solved(point_on_ground(mass, 0.5, g, r), settings);
-  BOOST_TEST(near(solution.impulse, -g / (1.0 / mass + compliance)));
+  BOOST_TEST(nearly(solution.impulse, -g / (1.0 / mass + compliance)));
   BOOST_TEST(solution.iterations > 10);
 }
 
@@ -153,7 +153,7 @@ BOOST_AUTO_TEST_CASE(a_million_times_heavier_on_top) {
   for (const SolverType solver : {SolverType::Auto, SolverType::Admm, SolverType::InteriorPoint}) {
     BOOST_TEST_CONTEXT(name(solver)) {
       const Solution solution = solved(problem, settings_for(solver, 1e-9));
-      BOOST_TEST(near(solution.impulse, expected, 1e-2));  // the certificate over a condition number of 1e6
+      BOOST_TEST(nearly(solution.impulse, expected, 1e-2));  // the certificate over a condition number of 1e6
     }
   }
 }
@@ -171,15 +171,16 @@ BOOST_AUTO_TEST_CASE(half_line_interval_and_equality_alone) {
   free << -3.0, 3.0, -2.0, -20.0, 20.0, 5.0;
   expected << 1.5, 0.0, 0.5, 2.0, -1.0, -10.0;
   const ContactProblem problem(dense(diagonal.asDiagonal()), free, sets);
-  for_all_solvers([&](const Settings& settings) { BOOST_TEST(near(solved(problem, settings).impulse, expected)); });
+  for_all_solvers([&](const Settings& settings) { BOOST_TEST(nearly(solved(problem, settings).impulse, expected)); });
 }
 
 BOOST_AUTO_TEST_CASE(an_interval_without_zero) {
   ConstraintSets sets;
   sets.add_interval(1.0, 2.0);
   const ContactProblem problem(dense(Matrix::Identity(1, 1)), Vector::Constant(1, 5.0), sets);
-  for_all_solvers(
-      [&](const Settings& settings) { BOOST_TEST(near(solved(problem, settings).impulse, Vector::Constant(1, 1.0))); });
+  for_all_solvers([&](const Settings& settings) {
+    BOOST_TEST(nearly(solved(problem, settings).impulse, Vector::Constant(1, 1.0)));
+  });
 }
 
 BOOST_AUTO_TEST_CASE(coupled_half_lines_and_an_equality) {
@@ -195,8 +196,9 @@ BOOST_AUTO_TEST_CASE(coupled_half_lines_and_an_equality) {
   active << 2.0, -0.7, -0.7, 3.0;
   const Eigen::Vector2d x = active.inverse() * Eigen::Vector2d(1.0, -0.5);
   const ContactProblem problem(dense(g), free, sets);
-  for_all_solvers(
-      [&](const Settings& settings) { BOOST_TEST(near(solved(problem, settings).impulse, vector3(x[0], 0.0, x[1]))); });
+  for_all_solvers([&](const Settings& settings) {
+    BOOST_TEST(nearly(solved(problem, settings).impulse, vector3(x[0], 0.0, x[1])));
+  });
 }
 
 BOOST_AUTO_TEST_CASE(four_feet_share_a_load) {
@@ -209,7 +211,7 @@ BOOST_AUTO_TEST_CASE(four_feet_share_a_load) {
                                ConstraintSets::friction_cones(Vector::Constant(4, 0.5)));
   for_all_solvers([&](const Settings& settings) {
     const Solution solution = solved(problem, settings);
-    BOOST_TEST(near(jacobian.transpose() * solution.impulse, -mass * body));
+    BOOST_TEST(nearly(jacobian.transpose() * solution.impulse, -mass * body));
     BOOST_TEST(solution.velocity.norm() <= 1e-6);
   });
 }

@@ -45,7 +45,7 @@ BOOST_AUTO_TEST_CASE(worst_case_of_each_method_is_solved) {
     std::string worst_case = "none";
     for (std::uint64_t seed = 1; seed <= 6; ++seed) {
       for (const Law law : {Law::Ncp, Law::Ccp}) {
-        for (const Operator type : {Operator::Dense, Operator::Sparse, Operator::MassSpace}) {
+        for (const Operator type : kOperators) {
           for (const bool warm : {false, true}) {
             for (const bool compliant : {false, true}) {
               if (!warm && !method.cold) continue;
@@ -77,12 +77,13 @@ BOOST_AUTO_TEST_CASE(worst_case_of_each_method_is_solved) {
 BOOST_AUTO_TEST_CASE(operators_give_the_same_answer) {
   for (const SolverType solver : kAllSolvers) {
     if (solver == SolverType::Newton) continue;
-    Vector velocities[3];
-    for (const Operator type : {Operator::Dense, Operator::Sparse, Operator::MassSpace}) {
+    Vector velocities[4];
+    for (const Operator type : kOperators) {
       const Planted planted = plant(3, 6, Law::Ncp, type, true);
       velocities[static_cast<int>(type)] = solve(planted.problem, settings_for(solver, 1e-8)).velocity;
     }
     BOOST_TEST((velocities[0] - velocities[1]).norm() <= 1e-5, name(solver) << ", sparse");
     BOOST_TEST((velocities[0] - velocities[2]).norm() <= 1e-5, name(solver) << ", mass space");
+    BOOST_TEST((velocities[0] - velocities[3]).norm() <= 1e-5, name(solver) << ", block");
   }
 }

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "signorini/delassus/block.hpp"
 #include "signorini/delassus/dense.hpp"
 #include "signorini/delassus/mass_space.hpp"
 #include "signorini/delassus/sparse.hpp"
@@ -75,20 +76,54 @@ inline std::vector<ContactProblem> unsolvable_problems() {
           ContactProblem(dense(opposed), Vector::Constant(2, -1.0), lines)};
 }
 
-enum class Operator { Dense, Sparse, MassSpace };
+enum class Operator { Dense, Sparse, MassSpace, Block };
+inline constexpr Operator kOperators[] = {Operator::Dense, Operator::Sparse, Operator::MassSpace, Operator::Block};
 
 inline const char* operator_name(Operator type) {
-  return type == Operator::Dense ? "dense" : type == Operator::Sparse ? "sparse" : "mass space";
+  switch (type) {
+    case Operator::Dense:
+      return "dense";
+    case Operator::Sparse:
+      return "sparse";
+    case Operator::MassSpace:
+      return "mass space";
+    case Operator::Block:
+      return "block";
+  }
+  return "";
+}
+
+/// Fills `delassus` with the blocks of g; blocks that are exactly zero are left out.
+inline void fill_blocks(const ConstraintSets& sets, const Matrix& g, BlockDelassus& delassus) {
+  const auto block = [&](Index i, Index j) {
+    return g.block(sets[i].offset, sets[j].offset, sets[i].size(), sets[j].size());
+  };
+  std::vector<BlockDelassus::Pair> pairs;
+  for (int i = 0; i < static_cast<int>(sets.num_sets()); ++i)
+    for (int j = 0; j < i; ++j)
+      if (!block(i, j).isZero(0.0)) pairs.emplace_back(i, j);
+  delassus.reset(sets, pairs);
+  for (Index i = 0; i < sets.num_sets(); ++i)
+    Eigen::Map<Matrix>(delassus.diagonal_block(i), sets[i].size(), sets[i].size()) = block(i, i);
+  for (Index k = 0; k < delassus.num_blocks(); ++k) {
+    const auto [i, j] = delassus.pair(k);
+    Eigen::Map<Matrix>(delassus.block(k), sets[i].size(), sets[j].size()) = block(i, j);
+  }
 }
 
 /// G = J M^-1 J^T as one of the operators.
-inline std::shared_ptr<const DelassusOperator> make_operator(Operator type, const Matrix& mass,
-                                                             const Matrix& jacobian) {
+inline std::shared_ptr<const DelassusOperator> make_operator(Operator type, const ConstraintSets& sets,
+                                                             const Matrix& mass, const Matrix& jacobian) {
   if (type == Operator::MassSpace) {
     return std::make_shared<MassSpaceDelassus>(SparseMatrix(mass.sparseView()), SparseMatrix(jacobian.sparseView()));
   }
   const Matrix g = jacobian * mass.llt().solve(Matrix(jacobian.transpose()));
   if (type == Operator::Dense) return std::make_shared<DenseDelassus>(g);
+  if (type == Operator::Block) {
+    auto blocks = std::make_shared<BlockDelassus>();
+    fill_blocks(sets, g, *blocks);
+    return blocks;
+  }
   return std::make_shared<SparseDelassus>(SparseMatrix(g.sparseView()));
 }
 
@@ -141,7 +176,7 @@ inline Planted plant(std::uint64_t seed, Index contacts, Law law, Operator type 
     sets.add_interval(-0.3, 0.6), x[3 * contacts + 2] = 0.6, sigma[3 * contacts + 2] = -0.4;
     sets.add_equality(), x[3 * contacts + 3] = -0.8;
   }
-  const auto delassus = make_operator(type, mass, jacobian);
+  const auto delassus = make_operator(type, sets, mass, jacobian);
   Vector g(n);
   delassus->apply(x, g);
   if (compliance.size() > 0) g += compliance.cwiseProduct(x);

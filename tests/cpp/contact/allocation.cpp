@@ -28,7 +28,7 @@ using namespace signorini::testing;
 BOOST_AUTO_TEST_CASE(iterations_allocate_nothing) {
   for (const SolverType solver : kAllSolvers) {
     for (const Law law : {Law::Ncp, Law::Ccp}) {
-      for (const Operator type : {Operator::Dense, Operator::Sparse, Operator::MassSpace}) {
+      for (const Operator type : kOperators) {
         const Planted planted = plant(51, 7, law, type, true);
         Guess guess;
         guess.impulse = planted.impulse + 1e-2 * Random(52).vector(planted.problem.size());

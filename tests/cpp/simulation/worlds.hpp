@@ -1,0 +1,92 @@
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "signorini/model/world_builder.hpp"
+
+namespace signorini::testing {
+
+inline int add_box(WorldBuilder& builder, const std::string& name, double mass, const Vector3& half,
+                   const Vector3& position, const Material& material = {}) {
+  Body body;
+  body.name = name;
+  body.placement.translation = position;
+  body.mass = mass;
+  const Vector3 square = (2.0 * half).cwiseAbs2();
+  body.inertia =
+      (mass / 12.0 * Vector3(square[1] + square[2], square[0] + square[2], square[0] + square[1])).asDiagonal();
+  Joint joint;
+  joint.name = name;
+  joint.type = JointType::Free;
+  body.joints.push_back(joint);
+  Geometry geometry;
+  geometry.body = builder.add_body(body);
+  geometry.shape = Shape::box(half);
+  geometry.material = material;
+  builder.add_geometry(geometry);
+  return geometry.body;
+}
+
+inline void add_ground(WorldBuilder& builder) {
+  Geometry ground;
+  ground.shape = Shape::half_space();
+  builder.add_geometry(ground);
+}
+
+/// A stack of boxes on the ground, and a chain of rods with capsules that falls on them: limits, dry friction, damping,
+/// a position drive, a weld and a compliant box.
+inline std::shared_ptr<const World> busy_world() {
+  WorldBuilder builder;
+  add_ground(builder);
+  for (int i = 0; i < 4; ++i)
+    add_box(builder, "box" + std::to_string(i), 1.0 + i, {0.1, 0.1, 0.1}, {0.0, 0.01 * i, 0.1 + 0.2 * i});
+  Material soft;
+  soft.stiffness = 1e4;
+  soft.damping = 20.0;
+  const int first = add_box(builder, "soft", 2.0, {0.1, 0.2, 0.05}, {0.6, 0.0, 0.06}, soft);
+  const int second = add_box(builder, "tied", 1.0, {0.1, 0.2, 0.05}, {0.6, 0.0, 0.2});
+  EqualityConstraint weld;
+  weld.name = "weld";
+  weld.type = ConstraintType::Weld;
+  weld.body_a = first;
+  weld.body_b = second;
+  weld.placement_a.translation = {0.0, 0.0, 0.14};
+  builder.add_constraint(weld);
+  int parent = 0;
+  for (int i = 0; i < 4; ++i) {
+    Body rod;
+    rod.name = "rod" + std::to_string(i);
+    rod.parent = parent;
+    rod.placement.translation = i == 0 ? Vector3(-0.9, 0.0, 0.9) : Vector3(0.3, 0.0, 0.0);
+    rod.mass = 0.5;
+    rod.center = {0.15, 0.0, 0.0};
+    rod.inertia = Vector3(1e-4, 4e-3, 4e-3).asDiagonal();
+    Joint joint;
+    joint.name = "hinge" + std::to_string(i);
+    joint.axis = {0.0, 1.0, 0.1 * i};
+    joint.lower = -1.0;
+    joint.upper = 1.2;
+    joint.friction = 0.01;
+    joint.damping = 0.02;
+    joint.armature = 1e-3;
+    rod.joints.push_back(joint);
+    parent = builder.add_body(rod);
+    Geometry geometry;
+    geometry.body = parent;
+    geometry.shape = Shape::capsule(0.03, 0.1);
+    geometry.placement.translation = {0.15, 0.0, 0.0};
+    geometry.placement.rotation << 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, -1.0, 0.0, 0.0;
+    builder.add_geometry(geometry);
+  }
+  Actuator drive;
+  drive.name = "drive";
+  drive.type = ActuatorType::Position;
+  drive.joint = builder.find_joint("hinge0");
+  drive.kp = 20.0;
+  drive.kv = 1.0;
+  builder.add_actuator(drive);
+  return builder.build();
+}
+
+}  // namespace signorini::testing
