@@ -1,0 +1,233 @@
+#include "convex_pair.hpp"
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace signorini {
+namespace {
+
+// A candidate has to separate by so much more than one before it in the list, relative to the smaller shape.
+constexpr double kClearlyBetter = 1e-9;
+constexpr double kDeep = 1e-3;  // relative to the smaller shape
+constexpr int kNewtonSteps = 12;
+constexpr double kNewtonDone = 1e-12;  // [rad]
+// Faces this near to the normal take part with all their area, if the normal is a face's and if it is not.
+constexpr double kFaceCosine = 0.8, kFaceCosineFree = 0.95;
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+/// A normal from a to b, how far it separates the cores, and what the closest points are determined by.
+struct Axis {
+  enum Kind { None, CornerOfA, CornerOfB, Edges, Searched } kind = None;
+  Vector3 normal = Vector3::Zero();
+  double separation = -kInfinity;
+  Vector3 on_a = Vector3::Zero(), on_b = Vector3::Zero();  // support points
+  Vector3 edge_a = Vector3::Zero(), edge_b = Vector3::Zero();
+  bool of_face = false;
+};
+
+}  // namespace
+
+struct ConvexPair::Search {
+  Difference difference;
+  ClosestSearch closest_search;
+  double scale = 1.0;
+  int hint_a = 0, hint_b = 0;
+  Axis best;
+
+  /// Lets the normal compete; true if it is the best so far.
+  bool propose(const Vector3& normal, Axis::Kind kind, bool of_face = false) {
+    const Vector3 a = difference.support_a(normal, hint_a), b = difference.support_b(-normal, hint_b);
+    const double separation = normal.dot(b - a);
+    if (!(separation > best.separation + kClearlyBetter * scale)) return false;
+    best.kind = kind, best.normal = normal, best.separation = separation, best.of_face = of_face;
+    best.on_a = a, best.on_b = b;
+    return true;
+  }
+
+  /// Newton's method for the normal that separates most, on the sphere, or on its great circle across `edge`.
+  Vector3 ascend(Vector3 normal, const Vector3* edge) {
+    double separation = -kInfinity;
+    Vector3 step_from = normal, step = Vector3::Zero();
+    double share = 1.0;
+    for (int k = 0; k < kNewtonSteps; ++k) {
+      const Vector3 a = difference.support_a(normal, hint_a), b = difference.support_b(-normal, hint_b);
+      const double now = normal.dot(b - a);
+      if (!(now >= separation - 1e-15 * scale)) {
+        // Too far: half of the step.
+        share *= 0.5;
+        normal = (step_from + share * step).normalized();
+        continue;
+      }
+      separation = now, step_from = normal, share = 1.0;
+      const Matrix3 curvature = difference.a->curvature(normal) +
+                                difference.rotation * difference.b->curvature(-(difference.inverse_rotation * normal)) *
+                                    difference.inverse_rotation;
+      const Vector3 slope = b - a;
+      if (edge) {
+        const Vector3 along = edge->cross(normal);
+        const double bend = along.dot(curvature * along) + separation;
+        if (!(bend > 1e-9 * scale)) break;
+        step = along * (along.dot(slope) / bend);
+      } else {
+        Vector3 x, y;
+        complete_frame(normal, x, y);
+        Eigen::Matrix2d bend;
+        const Vector3 bend_x = curvature * x, bend_y = curvature * y;
+        bend << x.dot(bend_x) + separation, x.dot(bend_y), y.dot(bend_x), y.dot(bend_y) + separation;
+        const double determinant = bend.determinant();
+        if (!(determinant > 1e-12 * bend.squaredNorm() && bend.trace() > 0.0)) break;
+        const Eigen::Vector2d toward(x.dot(slope), y.dot(slope));
+        const Eigen::Vector2d turn = bend.inverse() * toward;
+        step = turn[0] * x + turn[1] * y;
+      }
+      const double size = step.norm();
+      if (!(size > kNewtonDone)) break;
+      if (size > 1.0) step /= size;
+      normal = (step_from + step).normalized();
+    }
+    return step_from;
+  }
+
+  /// All exact normals near `start` compete.
+  void polish(const Vector3& start, Axis::Kind kind) {
+    // An order of preference: faces first, so that rounding cannot turn a face's normal into an edge's.
+    Vector3 normal;
+    const Vector3 start_b = -(difference.inverse_rotation * start);
+    if (difference.a->face_normal(start, hint_a, normal)) propose(normal, Axis::CornerOfB, true);
+    if (difference.b->face_normal(start_b, hint_b, normal))
+      propose(-(difference.rotation * normal), Axis::CornerOfA, true);
+    std::array<Vector3, 4> edges_a, edges_b;
+    const int count_a = difference.a->edges(start, hint_a, edges_a);
+    const int count_b = difference.b->edges(start_b, hint_b, edges_b);
+    for (int j = 0; j < count_b; ++j) edges_b[j] = difference.rotation * edges_b[j];
+    for (int i = 0; i < count_a; ++i)
+      for (int j = 0; j < count_b; ++j) {
+        normal = edges_a[i].cross(edges_b[j]);
+        const double sine = normal.norm();
+        if (sine < 1e-6) continue;
+        normal *= (normal.dot(start) < 0.0 ? -1.0 : 1.0) / sine;
+        if (propose(normal, Axis::Edges)) best.edge_a = edges_a[i], best.edge_b = edges_b[j];
+      }
+    const auto on_circle = [&](const Vector3& edge, Axis::Kind its_kind) {
+      const Vector3 across = start - edge * edge.dot(start);
+      if (across.squaredNorm() > 0.5) propose(ascend(across.normalized(), &edge), its_kind);
+    };
+    for (int i = 0; i < count_a; ++i) on_circle(edges_a[i], Axis::CornerOfB);
+    for (int j = 0; j < count_b; ++j) on_circle(edges_b[j], Axis::CornerOfA);
+    propose(ascend(start, nullptr), Axis::CornerOfA);
+    propose(start, kind);
+  }
+
+  /// Where GJK and EPA give nothing to start from: many starts.
+  void search_everywhere(const Vector3& guess) {
+    const auto from = [&](const Vector3& direction) {
+      const double length = direction.norm();
+      if (!(length > 1e-12 && length < kInfinity)) return;
+      const double before = best.separation;
+      polish(direction / length, Axis::CornerOfA);
+      for (int k = 0; k < 8 && best.separation > before; ++k) {
+        const double last = best.separation;
+        polish(Vector3(best.normal), Axis::CornerOfA);
+        if (!(best.separation > last)) break;
+      }
+    };
+    from(-guess);
+    from(difference.rotation * difference.b->centre + difference.translation - difference.a->centre);
+    for (int axis = 0; axis < 3; ++axis)
+      for (const double side : {1.0, -1.0}) {
+        from(side * Vector3::Unit(axis));
+        from(side * difference.rotation.col(axis));
+      }
+    bool better = false;
+    if (difference.a->hull)
+      for (const Vector3& normal : difference.a->hull->face_normals)
+        better = propose(normal, Axis::CornerOfB, true) || better;
+    if (difference.b->hull)
+      for (const Vector3& normal : difference.b->hull->face_normals)
+        better = propose(-(difference.rotation * normal), Axis::CornerOfA, true) || better;
+    if (better) from(Vector3(best.normal));
+  }
+
+  /// False if the cores are more than `reach` apart.
+  bool run(double reach, PairMemory& memory) {
+    best = Axis();
+    const Vector3 guess = memory.guess;
+    const ClosestSearch::Outcome outcome = closest_search.run(difference, reach, scale, memory);
+    if (outcome == ClosestSearch::Apart) return false;
+    hint_a = memory.hint_a, hint_b = memory.hint_b;
+    if (outcome == ClosestSearch::Found) polish(closest_search.normal, Axis::Searched);
+    // EPA can lose its way where the cores just touch, and then reports a depth along some other side.
+    if (outcome == ClosestSearch::Failed || best.separation < -kDeep * scale) search_everywhere(guess);
+    if (!(best.separation > -kInfinity)) return false;
+    // Not shorter than this: GJK would take it for the origin.
+    memory.guess = -std::max(std::abs(best.separation), 1e-3 * scale) * best.normal;
+    memory.hint_a = hint_a, memory.hint_b = hint_b;
+    return best.separation <= reach;
+  }
+
+  /// The closest points of the inflated shapes, in the frame of a.
+  SurfacePair closest() const {
+    const double rounding_a = difference.a->rounding, rounding_b = difference.b->rounding;
+    const Vector3& n = best.normal;
+    SurfacePair pair;
+    pair.normal = n;
+    pair.gap = best.separation - rounding_a - rounding_b;
+    switch (best.kind) {
+      case Axis::CornerOfA:
+        pair.on_a = best.on_a + rounding_a * n;
+        pair.on_b = pair.on_a + pair.gap * n;
+        break;
+      case Axis::CornerOfB:
+        pair.on_b = best.on_b - rounding_b * n;
+        pair.on_a = pair.on_b - pair.gap * n;
+        break;
+      case Axis::Edges: {
+        // The edges cross when seen along n.
+        const Vector3 offset = best.on_b - best.on_a;
+        const Vector3 twist = best.edge_a.cross(best.edge_b);
+        const double along = offset.cross(best.edge_b).dot(twist) / twist.squaredNorm();
+        pair.on_a = best.on_a + along * best.edge_a + rounding_a * n;
+        pair.on_b = pair.on_a + pair.gap * n;
+        break;
+      }
+      case Axis::Searched:
+      case Axis::None: {
+        pair.on_a = closest_search.middle + (rounding_a - 0.5 * best.separation) * n;
+        pair.on_b = pair.on_a + pair.gap * n;
+        break;
+      }
+    }
+    return pair;
+  }
+};
+
+ConvexPair::ConvexPair() : search_(std::make_unique<Search>()) {}
+ConvexPair::~ConvexPair() = default;
+
+void ConvexPair::collide(const Solid& a, const Placement& place_a, const Solid& b, const Placement& place_b,
+                         double margin, PairMemory& memory, Manifold& out) {
+  out.count = 0;
+  Search& search = *search_;
+  search.difference.set(a, place_a, b, place_b);
+  search.scale = std::min(a.radius, b.radius);
+  if (!search.run(margin + a.rounding + b.rounding, memory)) return;
+
+  SurfacePair deepest = search.closest();
+  deepest.on_a = place_a * deepest.on_a;
+  deepest.on_b = place_a * deepest.on_b;
+  deepest.normal = place_a.rotation * deepest.normal;
+  Feature feature_a, feature_b;
+  const double face_cosine = search.best.of_face ? kFaceCosine : kFaceCosineFree;
+  a.feature(search.best.normal, search.hint_a, face_cosine, feature_a);
+  if (feature_a.count < 2) return out.add(deepest);
+  b.feature(-(search.difference.inverse_rotation * search.best.normal), search.hint_b, face_cosine, feature_b);
+  if (feature_b.count < 2) return out.add(deepest);
+  move(place_a, feature_a);
+  move(place_b, feature_b);
+  clip_features(feature_a, feature_b, deepest, margin, search.scale, out);
+}
+
+}  // namespace signorini

@@ -1,0 +1,102 @@
+#include "signorini/model/shape.hpp"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <sstream>
+#include <string>
+
+#include "signorini/errors.hpp"
+
+namespace signorini {
+namespace {
+
+Shape make(ShapeType type, const Vector3& size) {
+  Shape shape;
+  shape.type = type;
+  shape.size = size;
+  return shape;
+}
+
+std::string number(double value) {
+  std::ostringstream out;
+  out << value;
+  return out.str();
+}
+
+constexpr double kLargest = 1e6;
+
+void validate_mesh(const ConvexMesh* mesh, const std::string& field) {
+  if (!mesh) throw InvalidInput(field + ".mesh", "is missing");
+  const std::size_t count = mesh->vertices.size();
+  if (count < 4)
+    throw InvalidInput(field + ".mesh", "has " + std::to_string(count) + " vertices, must have at least 4");
+  for (std::size_t i = 0; i < count; ++i)
+    for (int k = 0; k < 3; ++k)
+      if (!(std::abs(mesh->vertices[i][k]) <= kLargest))
+        throw InvalidInput(field + ".mesh.vertices[" + std::to_string(i) + "]",
+                           "is " + number(mesh->vertices[i][k]) + ", must be within +-1e6 m");
+  for (std::size_t i = 0; i < mesh->triangles.size(); ++i)
+    for (const int k : mesh->triangles[i])
+      if (k < 0 || static_cast<std::size_t>(k) >= count)
+        throw InvalidInput(field + ".mesh.triangles[" + std::to_string(i) + "]",
+                           "is " + std::to_string(k) + ", must be in [0, " + std::to_string(count - 1) + "]");
+  Vector3 mean = Vector3::Zero();
+  for (const Vector3& v : mesh->vertices) mean += v / static_cast<double>(count);
+  Matrix3 spread = Matrix3::Zero();
+  for (const Vector3& v : mesh->vertices) spread += (v - mean) * (v - mean).transpose();
+  const double size = spread.trace();
+  if (!(spread.determinant() > 1e-18 * size * size * size))
+    throw InvalidInput(field + ".mesh", "has all its vertices in one plane (or nearly), must have a volume");
+}
+
+}  // namespace
+
+Shape Shape::sphere(double radius) { return make(ShapeType::Sphere, {radius, 0.0, 0.0}); }
+Shape Shape::box(const Vector3& half_extents) { return make(ShapeType::Box, half_extents); }
+Shape Shape::capsule(double radius, double half_length) { return make(ShapeType::Capsule, {radius, half_length, 0.0}); }
+Shape Shape::cylinder(double radius, double half_length) {
+  return make(ShapeType::Cylinder, {radius, half_length, 0.0});
+}
+Shape Shape::ellipsoid(const Vector3& radii) { return make(ShapeType::Ellipsoid, radii); }
+Shape Shape::half_space() { return make(ShapeType::HalfSpace, Vector3::Zero()); }
+Shape Shape::convex(ConvexMesh mesh) {
+  Shape shape = make(ShapeType::Convex, Vector3::Zero());
+  shape.mesh = std::make_shared<const ConvexMesh>(std::move(mesh));
+  return shape;
+}
+
+double Shape::bounding_radius() const {
+  switch (type) {
+    case ShapeType::Sphere:
+      return size[0];
+    case ShapeType::Box:
+      return size.norm();
+    case ShapeType::Capsule:
+      return size[0] + size[1];
+    case ShapeType::Cylinder:
+      return std::hypot(size[0], size[1]);
+    case ShapeType::Ellipsoid:
+      return size.maxCoeff();
+    case ShapeType::HalfSpace:
+      break;
+    case ShapeType::Convex: {
+      double radius = 0.0;
+      for (const Vector3& v : mesh->vertices) radius = std::max(radius, v.norm());
+      return radius;
+    }
+  }
+  return std::numeric_limits<double>::infinity();
+}
+
+void Shape::validate(const char* field) const {
+  static constexpr int kSizes[] = {1, 3, 2, 2, 3, 0, 0};
+  for (int k = 0; k < kSizes[static_cast<int>(type)]; ++k)
+    if (!(size[k] > 0.0 && size[k] <= kLargest))
+      throw InvalidInput(std::string(field) + ".size[" + std::to_string(k) + "]",
+                         "is " + number(size[k]) + ", must be in (0, 1e6] m");
+  if (type == ShapeType::Convex) validate_mesh(mesh.get(), field);
+}
+
+}  // namespace signorini
