@@ -34,7 +34,20 @@ function(signorini_compile_options target)
   endif()
 endfunction()
 
+# Eigen's headers take longer to read than most files of ours to compile: the files of one call become one.
+function(signorini_compile_together target group)
+  set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_MODE GROUP)
+  set_source_files_properties(${ARGN} PROPERTIES UNITY_GROUP ${group})
+  if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")  # what is local to a file is in a header now, to its eyes
+    target_compile_options(${target} PRIVATE -Wno-subobject-linkage)
+  endif()
+endfunction()
+
 signorini_compile_options(signorini_contact)
+foreach(folder problem delassus solver)
+  file(GLOB folder_sources ${source_dir}/${folder}/*.cpp)
+  signorini_compile_together(signorini_contact ${folder} ${folder_sources})
+endforeach()
 target_include_directories(signorini_contact PUBLIC $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/include>
                                                     $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
 
@@ -61,15 +74,15 @@ else()
   signorini_add_kernels(plain)
 endif()
 
-if(SIGNORINI_INSTALL AND NOT SKBUILD)
+if(SIGNORINI_INSTALL)
   set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/signorini_contact)
-  install(TARGETS signorini_contact EXPORT signorini_contact-targets)
-  install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/signorini DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
-  install(EXPORT signorini_contact-targets NAMESPACE signorini:: DESTINATION ${package_dir})
+  install(TARGETS signorini_contact EXPORT signorini_contact-targets COMPONENT cpp)
+  install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/signorini DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT cpp)
+  install(EXPORT signorini_contact-targets NAMESPACE signorini:: DESTINATION ${package_dir} COMPONENT cpp)
   configure_package_config_file(${PROJECT_SOURCE_DIR}/cmake/signorini_contact-config.cmake.in
                                 ${PROJECT_BINARY_DIR}/signorini_contact-config.cmake INSTALL_DESTINATION ${package_dir})
   write_basic_package_version_file(${PROJECT_BINARY_DIR}/signorini_contact-config-version.cmake
                                    COMPATIBILITY SameMinorVersion)
   install(FILES ${PROJECT_BINARY_DIR}/signorini_contact-config.cmake
-                ${PROJECT_BINARY_DIR}/signorini_contact-config-version.cmake DESTINATION ${package_dir})
+                ${PROJECT_BINARY_DIR}/signorini_contact-config-version.cmake DESTINATION ${package_dir} COMPONENT cpp)
 endif()

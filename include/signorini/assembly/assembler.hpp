@@ -1,0 +1,108 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "signorini/assembly/dynamics.hpp"
+#include "signorini/collision/detector.hpp"
+#include "signorini/delassus/block.hpp"
+#include "signorini/problem/contact_problem.hpp"
+
+namespace signorini {
+
+/// How gaps, overlaps and approach speeds enter the problem (docs/simulation.md, S6 to S9).
+struct CorrectionSettings {
+  double time_step = 1e-3;              ///< [s]
+  double baumgarte = 0.2;               ///< share of an overlap that one step takes back, rigid contact and limits
+  double max_correction_speed = 1.0;    ///< of that [m/s, rad/s]
+  double restitution_threshold = 0.05;  ///< approach speed below which nothing bounces [m/s]
+};
+
+/// What a set of the assembled problem stands for.
+enum class SetSource : std::uint8_t {
+  Contact,        ///< index: of the contact point
+  LowerLimit,     ///< index: of the joint
+  UpperLimit,     ///< index: of the joint
+  JointFriction,  ///< index: of the velocity
+  Equality        ///< index: of the constraint; row: of it
+};
+
+/// Writes the contact problem of one step: rows of J in whitened form Y, G = Y Y^T block by block, g = Y u +
+/// corrections. Allocates nothing for sizes already seen.
+class Assembler {
+ public:
+  struct Set {
+    SetSource source = SetSource::Contact;
+    int index = 0, row = 0;
+    int offset = 0, rows = 0;  ///< in the problem
+    double correction = 0.0;   ///< added to the last row of g [m/s]
+    double compliance = 0.0;   ///< of the last row [1/kg]
+    int articulated = -1;      ///< slot of its articulated columns, or -1
+    int num_free = 0;          ///< free bodies it acts on
+    int free[2] = {0, 0};
+    double y[2][18];    ///< rows x 6 each, column-major, whitened
+    Matrix3 frame;      ///< Contact: columns t1, t2, n in the world
+    Material material;  ///< Contact: mixed
+  };
+
+  Assembler(std::shared_ptr<const World> world, const CorrectionSettings& settings);
+
+  /// dynamics: updated at (q, v) and factored; free_v: velocity at the end of the step without constraint impulses.
+  void assemble(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v,
+                const ConstVectorRef& free_v, const std::vector<ContactPoint>& contacts);
+
+  const ContactProblem& problem() const { return problem_; }
+  const std::vector<Set>& sets() const { return sets_; }
+
+  /// v += M^^-1 J^T impulse
+  void add_impulse(const Dynamics& dynamics, const ConstVectorRef& impulse, VectorRef v);
+
+ private:
+  Set& new_set(SetSource source, int index, int row, int rows);
+  double* articulated_columns(Set& set);
+  void add_point(const Dynamics& dynamics, Set& set, int frame, const Vector3& point, double sign);
+  void add_rotation(const Dynamics& dynamics, Set& set, int frame, double sign);
+  void add_velocity(Set& set, Index v, double factor);
+  void whiten(const Dynamics& dynamics);
+  void add_contacts(const Dynamics& dynamics, const std::vector<ContactPoint>& contacts);
+  void add_limits(const ConstVectorRef& q, const ConstVectorRef& v, const ConstVectorRef& free_v);
+  void add_joint_friction();
+  void add_equalities(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v);
+  void correct(const Dynamics& dynamics, const ConstVectorRef& v, const ConstVectorRef& free_v,
+               const std::vector<ContactPoint>& contacts);
+  void multiply_blocks();
+  double rigid_correction(double gap) const;
+  /// The spring with damper as correction and compliance of a row (S7); rigid where stiffness is infinite.
+  void set_spring(Set& set, double gap, double stiffness, double damping, bool one_sided) const;
+  void row_product(const Set& set, const Vector& whitened, double* out) const;
+
+  std::shared_ptr<const World> world_;
+  CorrectionSettings settings_;
+  std::vector<int> geometry_frame_;
+  std::vector<int> limited_joints_;
+  std::vector<std::pair<int, double>> friction_velocities_;  // velocity, largest force
+
+  std::vector<Set> sets_;
+  int rows_ = 0;
+  Index nv_articulated_ = 0;
+  int words_ = 0;  // of a mask of articulated velocities
+  int num_slots_ = 0;
+  std::vector<double> columns_;               // by slot: 3 x nv_articulated_, `rows` values a velocity
+  std::vector<std::uint64_t> masks_;          // by slot: velocities in use
+  std::vector<std::uint64_t> support_masks_;  // by frame
+  std::vector<std::uint64_t> chain_masks_;    // by velocity: itself and all before it
+  std::vector<int> dofs_;
+  std::vector<int> articulated_sets_;
+  std::vector<std::vector<int>> sets_of_free_;
+  std::vector<int> touched_free_;
+  std::vector<int> partners_;
+  std::vector<BlockDelassus::Pair> pairs_;
+  ConstraintSets constraint_sets_;
+  std::shared_ptr<BlockDelassus> delassus_;
+  ContactProblem problem_;
+  Vector free_whitened_, whitened_;
+  Vector g_storage_, compliance_storage_;
+};
+
+}  // namespace signorini

@@ -1,0 +1,78 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "signorini/model/world.hpp"
+
+namespace signorini {
+
+/// A world at one state: placements, mass matrix, bias, all in O(bodies) for free bodies. With M^ = M + diag(implicit),
+/// Y = J M^^-1/2 (rows whitened: G = J M^^-1 J^T = Y Y^T) is what contact rows are kept as.
+/// Velocities of free joints count in the frame of the body as it stands at the start of the step, held still: so
+/// bias() has no term that only turns that frame (docs/simulation.md, S3).
+class Dynamics {
+ public:
+  explicit Dynamics(std::shared_ptr<const World> world);
+  ~Dynamics();
+  Dynamics(Dynamics&&) noexcept;
+
+  /// Placements, mass matrix and bias at (q, v); the factor is stale until factor().
+  void update(const ConstVectorRef& q, const ConstVectorRef& v);
+  /// Placements only.
+  void update_placements(const ConstVectorRef& q);
+  const std::vector<Placement>& frames() const { return frames_; }
+
+  /// Generalised force of gravity and Coriolis terms: M dv/dt = force - bias.
+  const Vector& bias() const { return bias_; }
+
+  /// Acceleration of a point that moves with a frame while all velocities stay as they were in update() [m/s^2].
+  Vector3 drift(int frame, const Vector3& point, const ConstVectorRef& v) const;
+
+  /// Factors M^ = M + diag(implicit); implicit >= 0, nv values. False when M^ is not positive definite.
+  bool factor(const ConstVectorRef& implicit);
+  /// x <- M^^-1 x
+  void solve(VectorRef x) const;
+  /// x <- W^-1 x and x <- W^-T x with M^ = W W^T: W^-T takes whitened velocities back, W^-1 whitens forces.
+  void solve_half(VectorRef x) const;
+  void solve_half_transposed(VectorRef x) const;
+  /// x <- W^T x: whitened velocity, Y (W^T v) = J v.
+  void multiply_half_transposed(VectorRef x) const;
+
+  // The articulated part: velocities 0 .. num_articulated() - 1.
+  Index num_articulated() const;
+  const std::vector<int>& parent_dof() const;
+  /// Velocities (ascending) that move an articulated frame.
+  const std::vector<int>& support(int frame) const { return support_[static_cast<std::size_t>(frame)]; }
+  /// 6 values of velocity k: linear velocity at the world's origin, angular velocity, both in world axes.
+  const double* motion(Index k) const;
+  /// Whitens `rows` rows of J stored column by column (rows values a velocity) in place: y <- y W^-T. `dofs` descends
+  /// and holds every velocity in use with all those on its way to the root.
+  void whiten(double* y, int rows, const int* dofs, int count) const;
+
+  // The free bodies.
+  /// -1 where the frame is articulated or the world.
+  int free_body(int frame) const { return frame >= first_free_frame_ ? frame - first_free_frame_ : -1; }
+  int num_free_bodies() const;
+  Index free_v(int body) const;
+  /// W_b^-T of a free body, 6 x 6: Y_b = J_b W_b^-T.
+  const Eigen::Matrix<double, 6, 6>& free_whitener(int body) const;
+
+  double kinetic_energy(const ConstVectorRef& v) const;    ///< after update()
+  double potential_energy(const ConstVectorRef& q) const;  ///< gravity and joint springs; after update()
+  /// Mass matrix, dense, both triangles; for people and tests.
+  Matrix mass_matrix() const;
+  /// Linear and angular momentum about the world's origin, after update().
+  Eigen::Matrix<double, 6, 1> momentum(const ConstVectorRef& v) const;
+
+ private:
+  struct Impl;
+  std::shared_ptr<const World> world_;
+  std::unique_ptr<Impl> impl_;
+  std::vector<Placement> frames_;
+  std::vector<std::vector<int>> support_;
+  Vector bias_;
+  int first_free_frame_ = 0;
+};
+
+}  // namespace signorini

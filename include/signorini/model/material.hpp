@@ -1,0 +1,24 @@
+#pragma once
+
+#include <limits>
+
+namespace signorini {
+
+/// How a surface behaves in contact. Two materials make a contact's by mix().
+struct Material {
+  double friction = 0.8;     ///< Coulomb's coefficient, >= 0
+  double restitution = 0.0;  ///< share of the approach speed that comes back, in [0, 1]
+  /// Normal stiffness of a contact patch [N/m], shared equally by its points; infinite: rigid.
+  double stiffness = std::numeric_limits<double>::infinity();
+  double damping = 0.0;  ///< of the same patch [N s/m]; without effect when rigid
+
+  /// Raises InvalidInput naming `field`, the value and the allowed range.
+  void validate(const char* field) const;
+};
+
+/// friction sqrt(mu_a mu_b); the larger restitution; springs in series, 1/k = 1/k_a + 1/k_b, so that a rigid side
+/// leaves the other's stiffness as it is; damping k (d_a / k_a + d_b / k_b) weighted by compliance: (k_b d_a + k_a d_b)
+/// / (k_a + k_b), the other's where one is rigid.
+Material mix(const Material& a, const Material& b);
+
+}  // namespace signorini

@@ -1,0 +1,139 @@
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "signorini/model/material.hpp"
+#include "signorini/model/placement.hpp"
+#include "signorini/model/shape.hpp"
+#include "signorini/types.hpp"
+
+namespace signorini {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+/// Configuration and velocity values: Free 7 (position, quaternion x y z w) and 6 (linear, angular, both in the body
+/// frame); Ball 4 and 3; Revolute and Prismatic 1 and 1.
+enum class JointType : std::uint8_t { Free, Ball, Revolute, Prismatic };
+
+struct Joint {
+  std::string name;
+  JointType type = JointType::Revolute;
+  Vector3 axis = Vector3::UnitZ();   ///< Revolute, Prismatic: in the body frame; any length but 0
+  Vector3 anchor = Vector3::Zero();  ///< Ball, Revolute: a point of the axis, in the body frame [m]
+  double reference = 0.0;            ///< Revolute, Prismatic: value at which the body has its placement [rad, m]
+  double lower = -kInfinity, upper = kInfinity;  ///< Revolute, Prismatic: limits [rad, m]
+  double armature = 0.0;                         ///< inertia of the drive, added to the diagonal of M [kg m^2, kg]
+  double damping = 0.0;                          ///< viscous [N m s, N s/m]
+  double friction = 0.0;                         ///< dry: largest friction torque or force [N m, N]
+  double stiffness = 0.0;         ///< spring towards spring_reference [N m/rad, N/m]; Revolute, Prismatic
+  double spring_reference = 0.0;  ///< [rad, m]
+  // Filled by WorldBuilder::build():
+  int body = 0;                    ///< that the joint moves
+  Index q_index = 0, v_index = 0;  ///< first entries in q and v
+
+  Index num_q() const { return type == JointType::Free ? 7 : type == JointType::Ball ? 4 : 1; }
+  Index num_v() const { return type == JointType::Free ? 6 : type == JointType::Ball ? 3 : 1; }
+};
+
+struct Body {
+  std::string name;
+  int parent = 0;                     ///< body; 0 is the world
+  Placement placement;                ///< in the parent body, with all joints at their reference
+  double mass = 0.0;                  ///< [kg]
+  Vector3 center = Vector3::Zero();   ///< of mass, in the body frame [m]
+  Matrix3 inertia = Matrix3::Zero();  ///< about the centre of mass, axes of the body frame [kg m^2]
+  std::vector<Joint> joints;          ///< from the parent outwards; none: fixed to the parent
+  // Filled by WorldBuilder::build():
+  int frame = 0;       ///< what it moves with: 0 the world, else one frame a moving body
+  Placement in_frame;  ///< of the body frame in `frame`
+};
+
+struct Geometry {
+  std::string name;
+  int body = 0;
+  Shape shape;
+  Placement placement;  ///< in the body frame
+  Material material;
+  std::uint32_t group = 1, mask = 1;  ///< two geometries may touch if (group_a & mask_b) | (group_b & mask_a)
+};
+
+enum class ConstraintType : std::uint8_t {
+  Connect,  ///< a point of body a and one of body b coincide: 3 rows
+  Weld,     ///< the frames placement_a and placement_b coincide: 6 rows
+  Coupling  ///< q_b - q_b0 = polynomial(q_a - q_a0) of two one-value joints, or of joint b alone: 1 row
+};
+
+/// An equality between bodies or joints; rigid, or a spring with damper in each row.
+struct EqualityConstraint {
+  std::string name;
+  ConstraintType type = ConstraintType::Connect;
+  int body_a = 0, body_b = 0;                          ///< Connect, Weld
+  Placement placement_a, placement_b;                  ///< in the body frames; Connect: translations only
+  int joint_a = -1, joint_b = -1;                      ///< Coupling; joint_a = -1: q_b is held at coefficients[0]
+  double coefficients[5] = {0.0, 1.0, 0.0, 0.0, 0.0};  ///< of the polynomial, constant first
+  double reference_a = 0.0, reference_b = 0.0;         ///< q_a0, q_b0
+  double stiffness = kInfinity;                        ///< [N/m, N m/rad]; infinite: rigid
+  double damping = 0.0;                                ///< [N s/m, N m s/rad]
+};
+
+enum class ActuatorType : std::uint8_t {
+  Motor,     ///< force = gear * control
+  Position,  ///< force = gear * (kp (control - gear q) - kv gear v), implicit in q and v
+  Velocity   ///< force = gear * kv (control - gear v), implicit in v
+};
+
+/// Drives one velocity of a joint.
+struct Actuator {
+  std::string name;
+  ActuatorType type = ActuatorType::Motor;
+  int joint = 0;
+  int component = 0;  ///< which of the joint's velocities (Ball 0-2, Free 0-5)
+  double gear = 1.0;
+  double kp = 0.0, kv = 0.0;
+  double control_lower = -kInfinity, control_upper = kInfinity;  ///< controls are clipped to this
+  double force_lower = -kInfinity, force_upper = kInfinity;      ///< before the gear [N m, N]
+};
+
+/// Robots, objects and ground, constant after it is built; simulators share it between threads.
+class World {
+ public:
+  struct Impl;
+  explicit World(std::unique_ptr<Impl> impl);
+  ~World();
+
+  Index num_q() const;
+  Index num_v() const;
+  Index num_controls() const;
+  /// Frames that contacts are found in: the world, the articulated joints, the free bodies.
+  int num_frames() const;
+  const std::vector<Body>& bodies() const;  ///< bodies()[0] is the world
+  const std::vector<Joint>& joints() const;
+  const std::vector<Geometry>& geometries() const;
+  const std::vector<EqualityConstraint>& constraints() const;
+  const std::vector<Actuator>& actuators() const;
+  /// Pairs of geometries (a < b) that never touch although their groups would let them.
+  const std::vector<std::pair<int, int>>& excluded_pairs() const;
+  /// True when the geometries of these two may touch: not on one frame, not parent and child, groups agree, not
+  /// excluded.
+  bool may_touch(int geometry_a, int geometry_b) const;
+  const Vector3& gravity() const;
+  /// Joints at their reference, or at the limit next to it; free bodies where they were built.
+  const Vector& initial_q() const;
+
+  /// q advanced along v for a time step, on the manifold of configurations.
+  void integrate(const ConstVectorRef& q, const ConstVectorRef& v, double time_step, VectorRef q_next) const;
+  /// q with its quaternions made unit; false when one is zero or anything is not finite.
+  bool normalize(VectorRef q) const;
+
+  const Impl& impl() const { return *impl_; }
+
+ private:
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace signorini

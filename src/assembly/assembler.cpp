@@ -1,0 +1,459 @@
+#include "signorini/assembly/assembler.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+namespace signorini {
+namespace {
+
+// [m, rad] A gap below counts as touching, with the same slope as an overlap: with two slopes meeting at 0, rounding
+// would make the points of a resting face contradict each other.
+constexpr double kTouching = 1e-7;
+
+/// Columns (t1, t2, n), right-handed.
+Matrix3 contact_frame(const Vector3& n) {
+  int least = 0;
+  for (int k = 1; k < 3; ++k)
+    if (std::abs(n[k]) < std::abs(n[least])) least = k;
+  Matrix3 frame;
+  frame.col(0) = n.cross(Vector3::Unit(least)).normalized();
+  frame.col(1) = n.cross(frame.col(0));
+  frame.col(2) = n;
+  return frame;
+}
+
+/// Rotation vector of R, |angle| <= pi.
+Vector3 rotation_vector(const Matrix3& rotation) {
+  const Eigen::AngleAxisd turn(rotation);
+  return turn.angle() * turn.axis();
+}
+
+}  // namespace
+
+Assembler::Assembler(std::shared_ptr<const World> world, const CorrectionSettings& settings)
+    : world_(std::move(world)), settings_(settings), delassus_(std::make_shared<BlockDelassus>()) {
+  for (const Geometry& geometry : world_->geometries())
+    geometry_frame_.push_back(world_->bodies()[static_cast<std::size_t>(geometry.body)].frame);
+  for (std::size_t j = 0; j < world_->joints().size(); ++j) {
+    const Joint& joint = world_->joints()[j];
+    if (joint.lower > -kInfinity || joint.upper < kInfinity) limited_joints_.push_back(static_cast<int>(j));
+    if (joint.friction > 0.0)
+      for (Index k = 0; k < joint.num_v(); ++k)
+        friction_velocities_.emplace_back(static_cast<int>(joint.v_index + k), joint.friction);
+  }
+}
+
+Assembler::Set& Assembler::new_set(SetSource source, int index, int row, int rows) {
+  sets_.emplace_back();
+  Set& set = sets_.back();
+  set.source = source;
+  set.index = index;
+  set.row = row;
+  set.offset = rows_;
+  set.rows = rows;
+  rows_ += rows;
+  return set;
+}
+
+double* Assembler::articulated_columns(Set& set) {
+  if (set.articulated < 0) {
+    set.articulated = num_slots_++;
+    columns_.resize(static_cast<std::size_t>(num_slots_) * 3 * static_cast<std::size_t>(nv_articulated_));
+    masks_.resize(static_cast<std::size_t>(num_slots_ * words_));
+    std::fill_n(masks_.begin() + static_cast<std::ptrdiff_t>(set.articulated) * words_, words_, 0u);
+    std::fill_n(columns_.begin() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_,
+                set.rows * nv_articulated_, 0.0);
+    articulated_sets_.push_back(static_cast<int>(&set - sets_.data()));
+  }
+  return columns_.data() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_;
+}
+
+/// J += sign (velocity of a point that moves with `frame`, along set.frame's columns: all three, or the row-th).
+void Assembler::add_point(const Dynamics& dynamics, Set& set, int frame, const Vector3& point, double sign) {
+  if (frame == 0) return;
+  const int first = set.rows == 3 ? 0 : set.row % 3;
+  const int free = dynamics.free_body(frame);
+  if (free >= 0) {
+    const Placement& placement = dynamics.frames()[static_cast<std::size_t>(frame)];
+    const Vector3 arm = placement.rotation.transpose() * (point - placement.translation);
+    double* y = set.y[set.num_free];
+    set.free[set.num_free++] = free;
+    for (int r = 0; r < set.rows; ++r) {
+      const Vector3 linear = placement.rotation.transpose() * (sign * set.frame.col(first + r));
+      const Vector3 angular = arm.cross(linear);
+      for (int k = 0; k < 3; ++k) y[k * set.rows + r] = linear[k], y[(3 + k) * set.rows + r] = angular[k];
+    }
+    return;
+  }
+  double* y = articulated_columns(set);
+  std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_;
+  for (int w = 0; w < words_; ++w) mask[w] |= support_masks_[static_cast<std::size_t>(frame * words_ + w)];
+  const Matrix3 axes = sign * set.frame;
+  for (const int k : dynamics.support(frame)) {
+    const double* m = dynamics.motion(k);
+    const double x = m[0] + m[4] * point[2] - m[5] * point[1];
+    const double v = m[1] + m[5] * point[0] - m[3] * point[2];
+    const double z = m[2] + m[3] * point[1] - m[4] * point[0];
+    double* yk = y + static_cast<std::ptrdiff_t>(k) * set.rows;
+    for (int r = 0; r < set.rows; ++r)
+      yk[r] += axes(0, first + r) * x + axes(1, first + r) * v + axes(2, first + r) * z;
+  }
+}
+
+/// J += sign (angular velocity of `frame` along the set's axis), a set of one row.
+void Assembler::add_rotation(const Dynamics& dynamics, Set& set, int frame, double sign) {
+  if (frame == 0) return;
+  const Vector3 axis = sign * set.frame.col(set.row % 3);
+  const int free = dynamics.free_body(frame);
+  if (free >= 0) {
+    double* y = set.y[set.num_free];
+    set.free[set.num_free++] = free;
+    const Vector3 angular = dynamics.frames()[static_cast<std::size_t>(frame)].rotation.transpose() * axis;
+    for (int k = 0; k < 3; ++k) y[k] = 0.0, y[3 + k] = angular[k];
+    return;
+  }
+  double* y = articulated_columns(set);
+  std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_;
+  for (int w = 0; w < words_; ++w) mask[w] |= support_masks_[static_cast<std::size_t>(frame * words_ + w)];
+  for (const int k : dynamics.support(frame)) {
+    const double* m = dynamics.motion(k);
+    y[k] += axis[0] * m[3] + axis[1] * m[4] + axis[2] * m[5];
+  }
+}
+
+/// J(v) += factor, an articulated velocity, a set of one row.
+void Assembler::add_velocity(Set& set, Index v, double factor) {
+  double* y = articulated_columns(set);
+  y[v] += factor;
+  std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_;
+  for (int w = 0; w < words_; ++w) mask[w] |= chain_masks_[static_cast<std::size_t>(v * words_ + w)];
+}
+
+void Assembler::whiten(const Dynamics& dynamics) {
+  for (Set& set : sets_) {
+    if (set.articulated >= 0) {
+      const std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_;
+      dofs_.clear();
+      for (int w = words_ - 1; w >= 0; --w)
+        for (std::uint64_t bits = mask[w]; bits;) {
+          const int top = 63 - __builtin_clzll(bits);
+          dofs_.push_back(64 * w + top);
+          bits ^= std::uint64_t{1} << top;
+        }
+      dynamics.whiten(columns_.data() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_, set.rows,
+                      dofs_.data(), static_cast<int>(dofs_.size()));
+    }
+    for (int side = 0; side < set.num_free; ++side) {
+      const auto& whitener = dynamics.free_whitener(set.free[side]);  // upper triangular
+      double* y = set.y[side];
+      for (int c = 5; c >= 0; --c)
+        for (int r = 0; r < set.rows; ++r) {
+          double value = 0.0;
+          for (int k = 0; k <= c; ++k) value += y[k * set.rows + r] * whitener(k, c);
+          y[c * set.rows + r] = value;
+        }
+    }
+  }
+}
+
+double Assembler::rigid_correction(double gap) const {
+  const double share = settings_.baumgarte;
+  if (gap >= kTouching) return (gap - (1.0 - share) * kTouching) / settings_.time_step;
+  return std::max(share * gap / settings_.time_step, -settings_.max_correction_speed);
+}
+
+void Assembler::set_spring(Set& set, double gap, double stiffness, double damping, bool one_sided) const {
+  const double dt = settings_.time_step;
+  if (std::isinf(stiffness)) {
+    set.correction = one_sided ? rigid_correction(gap)
+                               : std::clamp(gap / dt, -settings_.max_correction_speed, settings_.max_correction_speed);
+    return;
+  }
+  const double k = dt * stiffness + damping;
+  set.compliance = 1.0 / (dt * k);
+  set.correction = stiffness * gap / k;
+}
+
+void Assembler::add_contacts(const Dynamics& dynamics, const std::vector<ContactPoint>& contacts) {
+  const std::vector<Geometry>& geometries = world_->geometries();
+  for (std::size_t i = 0; i < contacts.size(); ++i) {
+    const ContactPoint& contact = contacts[i];
+    Set& set = new_set(SetSource::Contact, static_cast<int>(i), 0, 3);
+    set.frame = contact_frame(contact.normal);
+    set.material = mix(geometries[static_cast<std::size_t>(contact.geometry_a)].material,
+                       geometries[static_cast<std::size_t>(contact.geometry_b)].material);
+    constraint_sets_.add_friction_cone(set.material.friction);
+    const int frame_a = geometry_frame_[static_cast<std::size_t>(contact.geometry_a)];
+    const int frame_b = geometry_frame_[static_cast<std::size_t>(contact.geometry_b)];
+    add_point(dynamics, set, frame_a, contact.position, -1.0);
+    add_point(dynamics, set, frame_b, contact.position, 1.0);
+    set_spring(set, contact.distance, set.material.stiffness / contact.patch_size,
+               set.material.damping / contact.patch_size, true);
+  }
+}
+
+void Assembler::add_limits(const ConstVectorRef& q, const ConstVectorRef& v, const ConstVectorRef& free_v) {
+  for (const int j : limited_joints_) {
+    const Joint& joint = world_->joints()[static_cast<std::size_t>(j)];
+    // Rows only where the limit is within reach: twice the way of a step, and a little.
+    const double reach =
+        2.0 * settings_.time_step * std::max(std::abs(v[joint.v_index]), std::abs(free_v[joint.v_index])) + 2e-3;
+    const double below = q[joint.q_index] - joint.lower, above = joint.upper - q[joint.q_index];
+    for (const bool lower : {true, false}) {
+      const double gap = lower ? below : above;
+      if (!(gap <= reach)) continue;
+      Set& set = new_set(lower ? SetSource::LowerLimit : SetSource::UpperLimit, j, 0, 1);
+      add_velocity(set, joint.v_index, lower ? 1.0 : -1.0);
+      set.correction = rigid_correction(gap);
+      constraint_sets_.add_half_line();
+    }
+  }
+}
+
+void Assembler::add_joint_friction() {
+  for (const auto& [velocity, force] : friction_velocities_) {
+    if (velocity >= nv_articulated_) continue;
+    Set& set = new_set(SetSource::JointFriction, velocity, 0, 1);
+    add_velocity(set, velocity, 1.0);
+    constraint_sets_.add_interval(-settings_.time_step * force, settings_.time_step * force);
+  }
+}
+
+void Assembler::add_equalities(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v) {
+  for (std::size_t i = 0; i < world_->constraints().size(); ++i) {
+    const EqualityConstraint& c = world_->constraints()[i];
+    const int index = static_cast<int>(i);
+    if (c.type == ConstraintType::Coupling) {
+      const Joint& b = world_->joints()[static_cast<std::size_t>(c.joint_b)];
+      double target = c.coefficients[0], slope = 0.0;
+      if (c.joint_a >= 0) {
+        const double x = q[world_->joints()[static_cast<std::size_t>(c.joint_a)].q_index] - c.reference_a;
+        target = c.coefficients[4];
+        for (int k = 3; k >= 0; --k) slope = slope * x + target, target = target * x + c.coefficients[k];
+      }
+      Set& set = new_set(SetSource::Equality, index, 0, 1);
+      add_velocity(set, b.v_index, 1.0);
+      if (c.joint_a >= 0) add_velocity(set, world_->joints()[static_cast<std::size_t>(c.joint_a)].v_index, -slope);
+      set_spring(set, q[b.q_index] - c.reference_b - target, c.stiffness, c.damping, false);
+      constraint_sets_.add_equality();
+      continue;
+    }
+    const Body& a = world_->bodies()[static_cast<std::size_t>(c.body_a)];
+    const Body& b = world_->bodies()[static_cast<std::size_t>(c.body_b)];
+    const Placement on_a = dynamics.frames()[static_cast<std::size_t>(a.frame)] * a.in_frame * c.placement_a;
+    const Placement on_b = dynamics.frames()[static_cast<std::size_t>(b.frame)] * b.in_frame * c.placement_b;
+    // Rows along the world's axes.
+    // The way along curved paths counts too, or loops would gape by O(dt^2) (S7).
+    const Vector3 drift = dynamics.drift(b.frame, on_b.translation, v) - dynamics.drift(a.frame, on_a.translation, v);
+    const Vector3 gap = on_b.translation - on_a.translation + 0.5 * settings_.time_step * settings_.time_step * drift;
+    const bool weld = c.type == ConstraintType::Weld;
+    const Vector3 turn =
+        weld ? Vector3(on_a.rotation * rotation_vector(on_a.rotation.transpose() * on_b.rotation)) : Vector3::Zero();
+    for (int row = 0; row < (weld ? 6 : 3); ++row) {
+      Set& set = new_set(SetSource::Equality, index, row, 1);
+      set.frame.setIdentity();
+      if (row < 3) {
+        add_point(dynamics, set, a.frame, on_a.translation, -1.0);
+        add_point(dynamics, set, b.frame, on_b.translation, 1.0);
+        set_spring(set, gap[row], c.stiffness, c.damping, false);
+      } else {
+        add_rotation(dynamics, set, a.frame, -1.0);
+        add_rotation(dynamics, set, b.frame, 1.0);
+        set_spring(set, turn[row - 3], c.stiffness, c.damping, false);
+      }
+      constraint_sets_.add_equality();
+    }
+  }
+}
+
+void Assembler::row_product(const Set& set, const Vector& whitened, double* out) const {
+  for (int r = 0; r < set.rows; ++r) out[r] = 0.0;
+  if (set.articulated >= 0) {
+    const double* y = columns_.data() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_;
+    const std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_;
+    for (int w = 0; w < words_; ++w)
+      for (std::uint64_t bits = mask[w]; bits; bits &= bits - 1) {
+        const int k = 64 * w + __builtin_ctzll(bits);
+        for (int r = 0; r < set.rows; ++r) out[r] += y[k * set.rows + r] * whitened[k];
+      }
+  }
+  for (int side = 0; side < set.num_free; ++side) {
+    const double* x = whitened.data() + nv_articulated_ + 6 * static_cast<std::ptrdiff_t>(set.free[side]);
+    for (int k = 0; k < 6; ++k)
+      for (int r = 0; r < set.rows; ++r) out[r] += set.y[side][k * set.rows + r] * x[k];
+  }
+}
+
+/// g and R; a bounce replaces the gap's correction where the approach is fast and would close the gap in this step
+/// (S8).
+void Assembler::correct(const Dynamics& dynamics, const ConstVectorRef& v, const ConstVectorRef& free_v,
+                        const std::vector<ContactPoint>& contacts) {
+  free_whitened_ = free_v;
+  dynamics.multiply_half_transposed(free_whitened_);
+  bool bounces = false;
+  for (const Set& set : sets_)
+    bounces = bounces || (set.source == SetSource::Contact && set.material.restitution > 0.0);
+  if (bounces) {
+    whitened_ = v;
+    dynamics.multiply_half_transposed(whitened_);
+  }
+  if (g_storage_.size() < rows_) g_storage_.resize(2 * rows_), compliance_storage_.resize(2 * rows_);
+  compliance_storage_.head(rows_).setZero();
+  for (Set& set : sets_) {
+    double* g = g_storage_.data() + set.offset;
+    row_product(set, free_whitened_, g);
+    const int last = set.rows - 1;
+    if (bounces && set.source == SetSource::Contact && set.material.restitution > 0.0) {
+      const double gap = contacts[static_cast<std::size_t>(set.index)].distance;
+      double now[3];
+      row_product(set, whitened_, now);
+      if (now[2] < -settings_.restitution_threshold && gap + settings_.time_step * g[2] <= 0.0)
+        set.correction = std::isinf(set.material.stiffness) ? set.material.restitution * now[2]
+                                                            : set.correction + set.material.restitution * now[2];
+    }
+    g[last] += set.correction;
+    compliance_storage_[set.offset + last] = set.compliance;
+  }
+}
+
+void Assembler::multiply_blocks() {
+  pairs_.clear();
+  for (const int body : touched_free_) sets_of_free_[static_cast<std::size_t>(body)].clear();
+  touched_free_.clear();
+  std::size_t seen_articulated = 0;
+  for (int i = 0; i < static_cast<int>(sets_.size()); ++i) {
+    const Set& set = sets_[static_cast<std::size_t>(i)];
+    partners_.clear();
+    if (set.articulated >= 0) {
+      const std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_;
+      for (std::size_t k = 0; k < seen_articulated; ++k) {
+        const int j = articulated_sets_[k];
+        const std::uint64_t* other =
+            masks_.data() + static_cast<std::ptrdiff_t>(sets_[static_cast<std::size_t>(j)].articulated) * words_;
+        for (int w = 0; w < words_; ++w)
+          if (mask[w] & other[w]) {
+            partners_.push_back(j);
+            break;
+          }
+      }
+      ++seen_articulated;
+    }
+    for (int side = 0; side < set.num_free; ++side) {
+      std::vector<int>& list = sets_of_free_[static_cast<std::size_t>(set.free[side])];
+      if (list.empty()) touched_free_.push_back(set.free[side]);
+      partners_.insert(partners_.end(), list.begin(), list.end());
+    }
+    for (int side = 0; side < set.num_free; ++side) {
+      std::vector<int>& list = sets_of_free_[static_cast<std::size_t>(set.free[side])];
+      if (list.empty() || list.back() != i) list.push_back(i);
+    }
+    std::sort(partners_.begin(), partners_.end());
+    partners_.erase(std::unique(partners_.begin(), partners_.end()), partners_.end());
+    for (const int j : partners_) pairs_.emplace_back(i, j);
+  }
+  delassus_->reset(constraint_sets_, pairs_);
+
+  const auto multiply = [this](const Set& a, const Set& b, double* block) {  // rows of a x rows of b, column-major
+    if (a.articulated >= 0 && b.articulated >= 0) {
+      const double* ya = columns_.data() + static_cast<std::ptrdiff_t>(a.articulated) * 3 * nv_articulated_;
+      const double* yb = columns_.data() + static_cast<std::ptrdiff_t>(b.articulated) * 3 * nv_articulated_;
+      const std::uint64_t* ma = masks_.data() + static_cast<std::ptrdiff_t>(a.articulated) * words_;
+      const std::uint64_t* mb = masks_.data() + static_cast<std::ptrdiff_t>(b.articulated) * words_;
+      if (a.rows == 3 && b.rows == 3) {
+        double s[9] = {0.0};
+        for (int w = 0; w < words_; ++w)
+          for (std::uint64_t bits = ma[w] & mb[w]; bits; bits &= bits - 1) {
+            const int k = 64 * w + __builtin_ctzll(bits);
+            const double *p = ya + 3 * k, *q = yb + 3 * k;
+            for (int c = 0; c < 3; ++c)
+              for (int r = 0; r < 3; ++r) s[3 * c + r] += p[r] * q[c];
+          }
+        for (int k = 0; k < 9; ++k) block[k] += s[k];
+      } else {
+        for (int w = 0; w < words_; ++w)
+          for (std::uint64_t bits = ma[w] & mb[w]; bits; bits &= bits - 1) {
+            const int k = 64 * w + __builtin_ctzll(bits);
+            for (int c = 0; c < b.rows; ++c)
+              for (int r = 0; r < a.rows; ++r) block[c * a.rows + r] += ya[k * a.rows + r] * yb[k * b.rows + c];
+          }
+      }
+    }
+    for (int p = 0; p < a.num_free; ++p)
+      for (int q = 0; q < b.num_free; ++q) {
+        if (a.free[p] != b.free[q]) continue;
+        const double *ya = a.y[p], *yb = b.y[q];
+        if (a.rows == 3 && b.rows == 3) {
+          for (int k = 0; k < 6; ++k)
+            for (int c = 0; c < 3; ++c)
+              for (int r = 0; r < 3; ++r) block[3 * c + r] += ya[3 * k + r] * yb[3 * k + c];
+        } else {
+          for (int k = 0; k < 6; ++k)
+            for (int c = 0; c < b.rows; ++c)
+              for (int r = 0; r < a.rows; ++r) block[c * a.rows + r] += ya[k * a.rows + r] * yb[k * b.rows + c];
+        }
+      }
+  };
+  for (std::size_t i = 0; i < sets_.size(); ++i)
+    multiply(sets_[i], sets_[i], delassus_->diagonal_block(static_cast<Index>(i)));
+  for (std::size_t k = 0; k < pairs_.size(); ++k)
+    multiply(sets_[static_cast<std::size_t>(pairs_[k].first)], sets_[static_cast<std::size_t>(pairs_[k].second)],
+             delassus_->block(static_cast<Index>(k)));
+}
+
+void Assembler::assemble(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v,
+                         const ConstVectorRef& free_v, const std::vector<ContactPoint>& contacts) {
+  if (support_masks_.empty()) {  // once: the masks of the tree
+    nv_articulated_ = dynamics.num_articulated();
+    words_ = static_cast<int>((nv_articulated_ + 63) / 64);
+    const int num_frames = world_->num_frames() - dynamics.num_free_bodies();
+    support_masks_.assign(static_cast<std::size_t>(num_frames * words_ + 1), 0);
+    for (int frame = 1; frame < num_frames; ++frame)
+      for (const int k : dynamics.support(frame))
+        support_masks_[static_cast<std::size_t>(frame * words_ + k / 64)] |= std::uint64_t{1} << (k % 64);
+    chain_masks_.assign(static_cast<std::size_t>(nv_articulated_ * words_), 0);
+    for (Index k = 0; k < nv_articulated_; ++k)
+      for (int d = static_cast<int>(k); d >= 0; d = dynamics.parent_dof()[static_cast<std::size_t>(d)])
+        chain_masks_[static_cast<std::size_t>(k * words_ + d / 64)] |= std::uint64_t{1} << (d % 64);
+    sets_of_free_.resize(static_cast<std::size_t>(dynamics.num_free_bodies()));
+  }
+  sets_.clear();
+  sets_.reserve(contacts.size() + 2 * limited_joints_.size() + friction_velocities_.size() +
+                6 * world_->constraints().size());
+  rows_ = num_slots_ = 0;
+  articulated_sets_.clear();
+  constraint_sets_.clear();
+  add_contacts(dynamics, contacts);
+  add_limits(q, v, free_v);
+  add_joint_friction();
+  add_equalities(dynamics, q, v);
+  whiten(dynamics);
+  multiply_blocks();
+  correct(dynamics, v, free_v, contacts);
+  problem_.assign(delassus_, g_storage_.head(rows_), constraint_sets_, compliance_storage_.head(rows_));
+}
+
+void Assembler::add_impulse(const Dynamics& dynamics, const ConstVectorRef& impulse, VectorRef v) {
+  whitened_.setZero(v.size());
+  for (const Set& set : sets_) {
+    const double* x = impulse.data() + set.offset;
+    if (set.articulated >= 0) {
+      const double* y = columns_.data() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_;
+      const std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_;
+      for (int w = 0; w < words_; ++w)
+        for (std::uint64_t bits = mask[w]; bits; bits &= bits - 1) {
+          const int k = 64 * w + __builtin_ctzll(bits);
+          for (int r = 0; r < set.rows; ++r) whitened_[k] += y[k * set.rows + r] * x[r];
+        }
+    }
+    for (int side = 0; side < set.num_free; ++side) {
+      double* out = whitened_.data() + nv_articulated_ + 6 * static_cast<std::ptrdiff_t>(set.free[side]);
+      for (int k = 0; k < 6; ++k)
+        for (int r = 0; r < set.rows; ++r) out[k] += set.y[side][k * set.rows + r] * x[r];
+    }
+  }
+  dynamics.solve_half_transposed(whitened_);
+  v += whitened_;
+}
+
+}  // namespace signorini

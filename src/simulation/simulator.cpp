@@ -1,0 +1,537 @@
+// One step, in the order of docs/simulation.md.
+#include "signorini/simulation/simulator.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "integration.hpp"
+#include "model/world_impl.hpp"
+#include "require.hpp"
+
+namespace signorini {
+namespace {
+
+constexpr double kLargest = 1e100;
+
+void require_finite(const char* field, const ConstVectorRef& values) {
+  for (Index i = 0; i < values.size(); ++i)
+    if (!(std::abs(values[i]) <= kLargest))
+      require(false, std::string(field) + "[" + std::to_string(i) + "]", values[i], "within +-1e100");
+}
+
+std::vector<CollisionGeometry> collision_geometries(const World& world) {
+  std::vector<CollisionGeometry> list;
+  for (const Geometry& geometry : world.geometries()) {
+    const Body& body = world.bodies()[static_cast<std::size_t>(geometry.body)];
+    list.push_back({geometry.shape, body.frame, body.in_frame * geometry.placement});
+  }
+  return list;
+}
+
+/// World::may_touch for a detector, without a list of all pairs.
+CollisionFilter collision_filter(const World& world) {
+  const World::Impl& w = world.impl();
+  CollisionFilter filter;
+  std::vector<std::vector<int>> of_body(w.bodies.size()), of_frame(w.moving_parent.size());
+  for (std::size_t g = 0; g < w.geometries.size(); ++g) {
+    const Geometry& geometry = w.geometries[g];
+    filter.group.push_back(geometry.group);
+    filter.mask.push_back(geometry.mask);
+    of_body[static_cast<std::size_t>(geometry.body)].push_back(static_cast<int>(g));
+    of_frame[static_cast<std::size_t>(w.bodies[static_cast<std::size_t>(geometry.body)].frame)].push_back(
+        static_cast<int>(g));
+  }
+  filter.excluded = w.excluded;
+  const auto exclude = [&filter](const std::vector<int>& a, const std::vector<int>& b) {
+    for (const int i : a)
+      for (const int j : b)
+        if (i != j) filter.excluded.emplace_back(std::min(i, j), std::max(i, j));
+  };
+  for (const std::uint64_t key : w.excluded_bodies) exclude(of_body[key >> 32], of_body[key & 0xffffffffu]);
+  std::vector<int> bases;  // of robots, fixed to the world: parents, which the world itself is not
+  for (const int g : of_frame[0])
+    if (w.geometries[static_cast<std::size_t>(g)].body != 0) bases.push_back(g);
+  for (std::size_t f = 1; f < w.moving_parent.size(); ++f) {
+    if (w.moving_parent[f] != 0)
+      filter.excluded_frames.emplace_back(w.moving_parent[f], static_cast<int>(f));
+    else if (static_cast<int>(f) < w.num_articulated_frames)
+      exclude(bases, of_frame[f]);
+  }
+  std::sort(filter.excluded.begin(), filter.excluded.end());
+  return filter;
+}
+
+DetectorSettings detector_settings(const SimulatorSettings& settings) {
+  DetectorSettings detector;
+  detector.margin = settings.contact_margin < 0.0 ? 2e-3 + 3.0 * settings.time_step : settings.contact_margin;
+  return detector;
+}
+
+CorrectionSettings correction_settings(const SimulatorSettings& settings) {
+  return {settings.time_step, settings.baumgarte, settings.max_correction_speed, settings.restitution_threshold};
+}
+
+// Bytes of save(): a tag, then values one after the other.
+constexpr char kTag[] = "signorini state 1";
+
+class Writer {
+ public:
+  void value(double x) { raw(&x, sizeof x); }
+  void value(std::uint64_t x) { raw(&x, sizeof x); }
+  void vector(const ConstVectorRef& x) {
+    value(static_cast<std::uint64_t>(x.size()));
+    raw(x.data(), static_cast<std::size_t>(x.size()) * sizeof(double));
+  }
+  void text(const std::string& x) {
+    value(static_cast<std::uint64_t>(x.size()));
+    raw(x.data(), x.size());
+  }
+  std::string bytes;
+
+ private:
+  void raw(const void* data, std::size_t size) { bytes.append(static_cast<const char*>(data), size); }
+};
+
+class Reader {
+ public:
+  explicit Reader(const std::string& bytes) : bytes_(bytes) {}
+  double number() {
+    double x;
+    raw(&x, sizeof x);
+    return x;
+  }
+  std::uint64_t count() {
+    std::uint64_t x;
+    raw(&x, sizeof x);
+    return x;
+  }
+  void vector(Vector& x, Index size) {
+    if (count() != static_cast<std::uint64_t>(size)) fail("was saved from another world");
+    x.resize(size);
+    raw(x.data(), static_cast<std::size_t>(size) * sizeof(double));
+  }
+  void any_vector(Vector& x) {
+    const std::uint64_t size = count();
+    if (size > bytes_.size() / sizeof(double)) fail("is damaged");
+    x.resize(static_cast<Index>(size));
+    raw(x.data(), static_cast<std::size_t>(size) * sizeof(double));
+  }
+  std::string text() {
+    const std::uint64_t size = count();
+    if (size > bytes_.size()) fail("is damaged");
+    std::string x(static_cast<std::size_t>(size), '\0');
+    raw(x.data(), x.size());
+    return x;
+  }
+  void end() {
+    if (at_ != bytes_.size()) fail("has something after its end");
+  }
+  [[noreturn]] static void fail(const char* what) { throw InvalidInput("bytes", what); }
+
+ private:
+  void raw(void* data, std::size_t size) {
+    if (size > bytes_.size() - at_) fail("ends too early");
+    std::memcpy(data, bytes_.data() + at_, size);
+    at_ += size;
+  }
+  const std::string& bytes_;
+  std::size_t at_ = 0;
+};
+
+}  // namespace
+
+std::vector<TouchingPair> touching_pairs(const std::shared_ptr<const World>& world, const ConstVectorRef& q,
+                                         double margin) {
+  DetectorSettings settings;
+  settings.margin = margin;
+  Detector detector(collision_geometries(*world), collision_filter(*world), settings);
+  Dynamics dynamics(world);
+  dynamics.update_placements(q);
+  std::vector<TouchingPair> pairs;
+  for (const ContactPoint& point : detector.detect(dynamics.frames())) {
+    const bool same =
+        !pairs.empty() && pairs.back().geometry_a == point.geometry_a && pairs.back().geometry_b == point.geometry_b;
+    if (!same) pairs.push_back({point.geometry_a, point.geometry_b, point.distance});
+    pairs.back().distance = std::min(pairs.back().distance, point.distance);
+  }
+  return pairs;
+}
+
+void SimulatorSettings::validate() const {
+  require(time_step >= 1e-6 && time_step <= 0.1, "time_step", time_step, "in [1e-6, 0.1] s");
+  require(baumgarte >= 0.0 && baumgarte <= 1.0, "baumgarte", baumgarte, "in [0, 1]");
+  require(max_correction_speed >= 0.0 && max_correction_speed <= 1e6, "max_correction_speed", max_correction_speed,
+          "in [0, 1e6] m/s");
+  require(restitution_threshold >= 0.0 && restitution_threshold <= 1e6, "restitution_threshold", restitution_threshold,
+          "in [0, 1e6] m/s");
+  require(contact_margin <= 1.0, "contact_margin", contact_margin, "at most 1 m, or negative for the default");
+  solver.validate();
+}
+
+struct Simulator::Impl {
+  Impl(std::shared_ptr<const World> w, const SimulatorSettings& s)
+      : world(std::move(w)),
+        settings(s),
+        dynamics(world),
+        detector(collision_geometries(*world), collision_filter(*world), detector_settings(s)),
+        assembler(world, correction_settings(s)) {
+    const Index nv = world->num_v();
+    q = world->initial_q();
+    for (Vector* x : {&v, &applied, &force, &implicit, &free_v, &friction_guess, &lower_guess, &upper_guess})
+      *x = Vector::Zero(nv);
+    control = Vector::Zero(world->num_controls());
+    wrench = Matrix::Zero(6, static_cast<Index>(world->bodies().size()));
+    for (const EqualityConstraint& c : world->constraints()) {
+      equality_start.push_back(num_equality_rows);
+      num_equality_rows += c.type == ConstraintType::Connect ? 3 : c.type == ConstraintType::Weld ? 6 : 1;
+    }
+    equality_guess = Vector::Zero(num_equality_rows);
+    for (std::size_t j = 0; j < world->joints().size(); ++j) {
+      const Joint& joint = world->joints()[j];
+      if (joint.damping > 0.0 || joint.stiffness > 0.0) passive_joints.push_back(static_cast<int>(j));
+    }
+  }
+
+  void sum_forces();
+  void add_wrenches();
+  void make_guess();
+  void keep_impulses();
+
+  std::shared_ptr<const World> world;
+  SimulatorSettings settings;
+  Dynamics dynamics;
+  Detector detector;
+  Assembler assembler;
+  Workspace workspace;
+  Solution solution;
+  Guess guess;
+  StepReport report;
+
+  Vector q, v, control, applied;
+  double time = 0.0;
+  Matrix wrench;
+  Vector force, implicit, free_v;
+
+  // Impulses of the last step, for the next one to start from: of the contacts in world axes, three a point; of limits
+  // and dry friction by velocity; of equalities by row.
+  Vector contact_guess, friction_guess, lower_guess, upper_guess, equality_guess;
+  std::vector<int> equality_start, passive_joints;
+  int num_equality_rows = 0;
+};
+
+Simulator::Simulator(std::shared_ptr<const World> world, const SimulatorSettings& settings) {
+  if (!world) throw InvalidInput("world", "is null");
+  settings.validate();
+  impl_ = std::make_unique<Impl>(std::move(world), settings);
+}
+Simulator::~Simulator() = default;
+Simulator::Simulator(Simulator&&) noexcept = default;
+
+const World& Simulator::world() const { return *impl_->world; }
+std::shared_ptr<const World> Simulator::world_ptr() const { return impl_->world; }
+const SimulatorSettings& Simulator::settings() const { return impl_->settings; }
+Vector& Simulator::q() { return impl_->q; }
+Vector& Simulator::v() { return impl_->v; }
+double& Simulator::time() { return impl_->time; }
+Vector& Simulator::control() { return impl_->control; }
+Vector& Simulator::applied_force() { return impl_->applied; }
+Matrix& Simulator::external_wrench() { return impl_->wrench; }
+const StepReport& Simulator::report() const { return impl_->report; }
+const Assembler& Simulator::assembler() const { return impl_->assembler; }
+ConstVectorRef Simulator::impulse() const { return impl_->solution.impulse; }
+
+/// force: everything but M dv/dt, with springs, dampers and gains taken at the end of the step: what depends on the new
+/// velocity goes to `implicit` (S2).
+void Simulator::Impl::sum_forces() {
+  const double dt = settings.time_step;
+  force = applied - dynamics.bias();
+  implicit.setZero();
+  const auto add_implicit = [&](Index at, double stiffness, double damping) {
+    const double d = damping + dt * stiffness;
+    force[at] -= d * v[at];
+    implicit[at] += dt * d;
+  };
+  for (const int j : passive_joints) {
+    const Joint& joint = world->joints()[static_cast<std::size_t>(j)];
+    if (joint.stiffness > 0.0) force[joint.v_index] -= joint.stiffness * (q[joint.q_index] - joint.spring_reference);
+    for (Index k = 0; k < joint.num_v(); ++k) add_implicit(joint.v_index + k, joint.stiffness, joint.damping);
+  }
+  for (std::size_t i = 0; i < world->actuators().size(); ++i) {
+    const Actuator& a = world->actuators()[i];
+    const Joint& joint = world->joints()[static_cast<std::size_t>(a.joint)];
+    const Index at = joint.v_index + a.component;
+    const double u = std::clamp(control[static_cast<Index>(i)], a.control_lower, a.control_upper);
+    double effort = u;
+    if (a.type == ActuatorType::Position) effort = a.kp * (u - a.gear * q[joint.q_index]) - a.kv * a.gear * v[at];
+    if (a.type == ActuatorType::Velocity) effort = a.kv * (u - a.gear * v[at]);
+    const double clipped = std::clamp(effort, a.force_lower, a.force_upper);
+    force[at] += a.gear * clipped;
+    if (a.type == ActuatorType::Motor || clipped != effort) continue;  // a saturated drive does not depend on v
+    // effort holds the damping at the old velocity already; what is left is its change over the step.
+    const double gear2 = a.gear * a.gear;
+    const double stiffness = a.type == ActuatorType::Position ? gear2 * a.kp : 0.0;
+    force[at] -= dt * stiffness * v[at];
+    implicit[at] += dt * (gear2 * a.kv + dt * stiffness);
+  }
+  if (!wrench.isZero(0.0)) add_wrenches();
+}
+
+void Simulator::Impl::add_wrenches() {
+  for (std::size_t b = 1; b < world->bodies().size(); ++b) {
+    const auto given = wrench.col(static_cast<Index>(b));
+    if (given.isZero(0.0)) continue;
+    const Body& body = world->bodies()[b];
+    const Placement& frame = dynamics.frames()[static_cast<std::size_t>(body.frame)];
+    const Vector3 f = given.head<3>(), moment = given.tail<3>();
+    const Vector3 point = frame * body.in_frame.translation;
+    const int free = dynamics.free_body(body.frame);
+    if (free >= 0) {
+      const Index at = dynamics.free_v(free);
+      const Vector3 about = moment + (point - frame.translation).cross(f);
+      force.segment<3>(at) += frame.rotation.transpose() * f;
+      force.segment<3>(at + 3) += frame.rotation.transpose() * about;
+    } else if (body.frame > 0) {
+      const Vector3 about = moment + point.cross(f);
+      for (const int k : dynamics.support(body.frame)) {
+        const double* m = dynamics.motion(k);
+        force[k] += m[0] * f[0] + m[1] * f[1] + m[2] * f[2] + m[3] * about[0] + m[4] * about[1] + m[5] * about[2];
+      }
+    }
+  }
+}
+
+void Simulator::Impl::make_guess() {
+  guess.impulse.resize(assembler.problem().size());
+  const std::vector<ContactPoint>& points = detector.points();
+  for (const Assembler::Set& set : assembler.sets()) {
+    double& x = guess.impulse[set.offset];
+    switch (set.source) {
+      case SetSource::Contact: {
+        const int previous = points[static_cast<std::size_t>(set.index)].previous;
+        auto own = guess.impulse.segment<3>(set.offset);
+        if (previous >= 0 && 3 * previous + 3 <= contact_guess.size())
+          own = set.frame.transpose() * contact_guess.segment<3>(3 * previous);
+        else
+          own.setZero();
+        break;
+      }
+      case SetSource::LowerLimit:
+        x = lower_guess[world->joints()[static_cast<std::size_t>(set.index)].v_index];
+        break;
+      case SetSource::UpperLimit:
+        x = upper_guess[world->joints()[static_cast<std::size_t>(set.index)].v_index];
+        break;
+      case SetSource::JointFriction:
+        x = friction_guess[set.index];
+        break;
+      case SetSource::Equality:
+        x = equality_guess[equality_start[static_cast<std::size_t>(set.index)] + set.row];
+        break;
+    }
+  }
+}
+
+void Simulator::Impl::keep_impulses() {
+  contact_guess.resize(3 * static_cast<Index>(detector.points().size()));
+  lower_guess.setZero();
+  upper_guess.setZero();
+  for (const Assembler::Set& set : assembler.sets()) {
+    const double x = solution.impulse[set.offset];
+    switch (set.source) {
+      case SetSource::Contact:
+        contact_guess.segment<3>(3 * set.index) = set.frame * solution.impulse.segment<3>(set.offset);
+        break;
+      case SetSource::LowerLimit:
+        lower_guess[world->joints()[static_cast<std::size_t>(set.index)].v_index] = x;
+        break;
+      case SetSource::UpperLimit:
+        upper_guess[world->joints()[static_cast<std::size_t>(set.index)].v_index] = x;
+        break;
+      case SetSource::JointFriction:
+        friction_guess[set.index] = x;
+        break;
+      case SetSource::Equality:
+        equality_guess[equality_start[static_cast<std::size_t>(set.index)] + set.row] = x;
+        break;
+    }
+  }
+}
+
+void Simulator::step() {
+  Impl& s = *impl_;
+  require_finite("q", s.q);
+  require_finite("v", s.v);
+  require_finite("control", s.control);
+  require_finite("applied_force", s.applied);
+  require_finite("external_wrench", Eigen::Map<const Vector>(s.wrench.data(), s.wrench.size()));
+  if (!s.world->normalize(s.q)) throw InvalidInput("q", "has a quaternion of length 0");
+
+  // Velocity at the end of the step without constraint impulses (S1, S2).
+  s.dynamics.update(s.q, s.v);
+  s.sum_forces();
+  if (!s.dynamics.factor(s.implicit))
+    throw InvalidInput("q", "makes the mass matrix lose its definiteness (numbers too large?)");
+  s.free_v = s.settings.time_step * s.force;
+  s.dynamics.solve(s.free_v);
+  s.free_v += s.v;
+
+  // Contacts, the problem, its solution.
+  const std::vector<ContactPoint>& points = s.detector.detect(s.dynamics.frames());
+  s.assembler.assemble(s.dynamics, s.q, s.v, s.free_v, points);
+  s.make_guess();
+  solve(s.assembler.problem(), s.settings.solver, s.workspace, s.solution, &s.guess);
+  s.keep_impulses();
+
+  // Velocity, position.
+  s.assembler.add_impulse(s.dynamics, s.solution.impulse, s.free_v);
+  require_finite("v (after the step)", s.free_v);
+  s.v = s.free_v;
+  advance(*s.world, s.settings.time_step, s.q, s.v);
+  s.time += s.settings.time_step;
+
+  StepReport& r = s.report;
+  r.status = s.solution.status;
+  r.solver = s.solution.solver;
+  r.residual = s.solution.residual;
+  r.iterations = s.solution.iterations;
+  r.factorizations = s.solution.factorizations;
+  r.num_contacts = static_cast<Index>(points.size());
+  r.deepest_overlap = 0.0;
+  for (const ContactPoint& point : points) r.deepest_overlap = std::max(r.deepest_overlap, -point.distance);
+  r.num_constraints = s.assembler.problem().num_sets();
+  ++r.steps;
+  if (r.status != Status::Solved) ++r.unsolved;
+}
+
+std::vector<Contact> Simulator::contacts() const {
+  const Impl& s = *impl_;
+  std::vector<Contact> list;
+  for (const Assembler::Set& set : s.assembler.sets()) {
+    if (set.source != SetSource::Contact) continue;
+    const ContactPoint& point = s.detector.points()[static_cast<std::size_t>(set.index)];
+    Contact contact;
+    contact.geometry_a = point.geometry_a;
+    contact.geometry_b = point.geometry_b;
+    contact.position = point.position;
+    contact.frame = set.frame;
+    contact.distance = point.distance;
+    const Vector3 impulse = s.solution.impulse.segment<3>(set.offset);
+    contact.force = impulse / s.settings.time_step;
+    contact.velocity = s.solution.velocity.segment<3>(set.offset);
+    contact.velocity[2] -= set.correction + set.compliance * impulse[2];  // sigma without gap and spring
+    // On the border of the cone it slides, if not by velocity then by the next ounce of force.
+    const double border = set.material.friction * impulse[2];
+    contact.mode = !(impulse[2] > 0.0)                                 ? ContactMode::Open
+                   : impulse.head<2>().norm() >= (1.0 - 1e-9) * border ? ContactMode::Slide
+                                                                       : ContactMode::Stick;
+    contact.id = point.id;
+    list.push_back(contact);
+  }
+  return list;
+}
+
+Vector3 Simulator::contact_force(int body_a, int body_b) const {
+  Vector3 total = Vector3::Zero();
+  for (const Contact& contact : contacts()) {
+    const int a = impl_->world->geometries()[static_cast<std::size_t>(contact.geometry_a)].body;
+    const int b = impl_->world->geometries()[static_cast<std::size_t>(contact.geometry_b)].body;
+    if (a == body_a && b == body_b) total += contact.frame * contact.force;
+    if (a == body_b && b == body_a) total -= contact.frame * contact.force;
+  }
+  return total;
+}
+
+double Simulator::kinetic_energy() {
+  impl_->dynamics.update(impl_->q, impl_->v);
+  return impl_->dynamics.kinetic_energy(impl_->v);
+}
+double Simulator::potential_energy() {
+  impl_->dynamics.update_placements(impl_->q);
+  return impl_->dynamics.potential_energy(impl_->q);
+}
+Eigen::Matrix<double, 6, 1> Simulator::momentum() {
+  impl_->dynamics.update(impl_->q, impl_->v);
+  return impl_->dynamics.momentum(impl_->v);
+}
+const std::vector<Placement>& Simulator::frames() {
+  impl_->dynamics.update_placements(impl_->q);
+  return impl_->dynamics.frames();
+}
+Matrix Simulator::mass_matrix() {
+  impl_->dynamics.update(impl_->q, impl_->v);
+  return impl_->dynamics.mass_matrix();
+}
+
+void Simulator::reset() {
+  Impl& s = *impl_;
+  s.q = s.world->initial_q();
+  for (Vector* x : {&s.v, &s.applied, &s.control, &s.friction_guess, &s.lower_guess, &s.upper_guess, &s.equality_guess})
+    x->setZero();
+  s.wrench.setZero();
+  s.time = 0.0;
+  s.contact_guess.resize(0);
+  s.detector.reset();
+  s.report = StepReport();
+}
+
+std::string Simulator::save() const {
+  const Impl& s = *impl_;
+  Writer out;
+  out.text(kTag);
+  out.value(s.settings.time_step);
+  out.value(s.time);
+  for (const Vector* x : {&s.q, &s.v, &s.control, &s.applied, &s.friction_guess, &s.lower_guess, &s.upper_guess,
+                          &s.equality_guess, &s.contact_guess})
+    out.vector(*x);
+  out.vector(Eigen::Map<const Vector>(s.wrench.data(), s.wrench.size()));
+  out.text(s.detector.save());
+  out.value(s.report.steps);
+  out.value(s.report.unsolved);
+  return out.bytes;
+}
+
+void Simulator::restore(const std::string& bytes) {
+  Impl& s = *impl_;
+  Reader in(bytes);
+  if (in.text() != kTag) Reader::fail("is not a saved state, or of another version");
+  if (in.number() != s.settings.time_step) Reader::fail("was saved with another time step");
+  const double time = in.number();
+  Vector q, v, control, applied, friction, lower, upper, equality, contact, wrench;
+  in.vector(q, s.q.size());
+  in.vector(v, s.v.size());
+  in.vector(control, s.control.size());
+  in.vector(applied, s.applied.size());
+  in.vector(friction, s.friction_guess.size());
+  in.vector(lower, s.lower_guess.size());
+  in.vector(upper, s.upper_guess.size());
+  in.vector(equality, s.equality_guess.size());
+  in.any_vector(contact);
+  in.vector(wrench, s.wrench.size());
+  const std::string detector = in.text();
+  const std::uint64_t steps = in.count(), unsolved = in.count();
+  in.end();
+  s.detector.load(detector);
+  s.time = time;
+  s.q = q, s.v = v, s.control = control, s.applied = applied;
+  s.friction_guess = friction, s.lower_guess = lower, s.upper_guess = upper, s.equality_guess = equality;
+  s.contact_guess = contact;
+  s.wrench = Eigen::Map<const Matrix>(wrench.data(), 6, s.wrench.cols());
+  s.report = StepReport();
+  s.report.steps = steps;
+  s.report.unsolved = unsolved;
+}
+
+std::uint64_t Simulator::state_hash() const {
+  std::uint64_t hash = 14695981039346656037u;
+  const auto add = [&hash](const void* data, std::size_t size) {
+    for (std::size_t i = 0; i < size; ++i) hash = (hash ^ static_cast<const unsigned char*>(data)[i]) * 1099511628211u;
+  };
+  add(impl_->q.data(), static_cast<std::size_t>(impl_->q.size()) * sizeof(double));
+  add(impl_->v.data(), static_cast<std::size_t>(impl_->v.size()) * sizeof(double));
+  add(&impl_->time, sizeof(double));
+  return hash;
+}
+
+}  // namespace signorini
