@@ -68,6 +68,7 @@ void bind_solver(nb::module_& m) {
       .def_rw("solver", &Settings::solver)
       .def_rw("law", &Settings::law)
       .def_rw("tolerance", &Settings::tolerance)
+      .def_rw("aim", &Settings::aim)
       .def_rw("max_iterations", &Settings::max_iterations)
       .def_rw("record_history", &Settings::record_history)
       .def_rw("admm", &Settings::admm)

@@ -1,10 +1,12 @@
-"""Frictional contact problems, solved and certified.
+"""Robots and what they touch, simulated; every step's contact forces certified.
 
-    problem = signorini.ContactProblem(delassus, free_velocity, friction)
-    solution = signorini.solve(problem)
-    solution.impulse, solution.residual.relative
+    world = signorini.load("robot.urdf", ground=True)
+    simulator = signorini.Simulator(world)
+    simulator.step()
+    simulator.contacts, simulator.report.residual.relative
 
-`signorini.fclib` reads and writes FCLIB files. Units are SI: impulses in N s, velocities in m/s.
+The contact problem behind a step stands alone too: `signorini.ContactProblem`, `signorini.solve`, and `signorini.fclib`
+for files. Units are SI: impulses in N s, velocities in m/s.
 """
 
 from __future__ import annotations
@@ -16,31 +18,84 @@ from signorini._core import InvalidInputError, Workspace, __version__
 from signorini._problem import ContactProblem, Equality, FrictionCone, HalfLine, Interval
 from signorini._solution import Residual, Solution
 from signorini._solve import residual, solve
+from signorini.load import load
 
 if TYPE_CHECKING:
     from signorini import fclib as fclib
+    from signorini._simulation import Simulator, SimulatorSettings, UnsolvedStepError, UnsolvedStepWarning, rollout
+    from signorini._world import (
+        Box,
+        Capsule,
+        Convex,
+        Cylinder,
+        Ellipsoid,
+        HalfSpace,
+        Joint,
+        Material,
+        Sphere,
+        World,
+        WorldBuilder,
+    )
 
 __all__ = [
+    "Box",
+    "Capsule",
     "ContactProblem",
+    "Convex",
+    "Cylinder",
+    "Ellipsoid",
     "Equality",
     "FrictionCone",
     "HalfLine",
+    "HalfSpace",
     "Interval",
     "InvalidInputError",
+    "Joint",
+    "Material",
     "Residual",
+    "Simulator",
+    "SimulatorSettings",
     "Solution",
+    "Sphere",
+    "UnsolvedStepError",
+    "UnsolvedStepWarning",
     "Workspace",
+    "World",
+    "WorldBuilder",
     "__version__",
     "fclib",
+    "load",
     "residual",
+    "rollout",
     "solve",
 ]
 
 _SUBMODULES = ("experiments", "fclib", "peers", "scenes")
+_WORLD = (
+    "Box",
+    "Capsule",
+    "Convex",
+    "Cylinder",
+    "Ellipsoid",
+    "HalfSpace",
+    "Joint",
+    "Material",
+    "Sphere",
+    "World",
+    "WorldBuilder",
+)
+_SIMULATION = ("Simulator", "SimulatorSettings", "UnsolvedStepError", "UnsolvedStepWarning", "rollout")
 
 
 def __getattr__(name: str) -> Any:
-    # Loaded at first use: they need h5py, scipy or more, and `import signorini` should take no time.
+    # Loaded at first use: they need h5py, scipy, Pinocchio or more, and `import signorini` should take no time.
     if name in _SUBMODULES:
         return importlib.import_module(f"signorini.{name}")
+    if name in _WORLD + _SIMULATION:
+        try:
+            return getattr(
+                importlib.import_module("signorini._world" if name in _WORLD else "signorini._simulation"), name
+            )
+        except ImportError as error:
+            raise ImportError(f"signorini.{name}: this build is without the simulator ({error})") from None
     raise AttributeError(f"module 'signorini' has no attribute {name!r}")

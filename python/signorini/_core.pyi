@@ -105,6 +105,7 @@ class Settings:
     solver: Any
     law: Law
     tolerance: float
+    aim: float
     max_iterations: int
     record_history: bool
     admm: AdmmSettings

@@ -38,6 +38,7 @@ def solve(
     *,
     max_iterations: int | None = None,
     guess: npt.ArrayLike | Solution | None = None,
+    aim: float | None = None,
     record_history: bool = False,
     workspace: Workspace | None = None,
     penalty_rule: PenaltyRuleName = "residual-balancing",
@@ -60,6 +61,7 @@ def solve(
     tolerance: on the certificate's relative residual (Residual.solves), in (0, 1).
     max_iterations: at least 1; None for the solver's own default.
     guess: where to start: an impulse [N s], (n,), or the Solution of a similar problem.
+    aim: what "auto" aims at from a guess while that is cheap, in (0, tolerance]; None: 1e-4 tolerance.
     record_history: fill Solution.history.
     workspace: memory to reuse from solve to solve; one for each thread.
 
@@ -87,6 +89,8 @@ def solve(
     settings.tolerance = _arrays.number("tolerance", tolerance)
     if max_iterations is not None:
         settings.max_iterations = _arrays.count("max_iterations", max_iterations, 1)
+    if aim is not None:
+        settings.aim = _positive("aim", aim)
     settings.record_history = bool(record_history)
 
     admm = settings.admm

@@ -160,6 +160,14 @@ def scaling(output: Output, quick: Quick = False, fresh: Fresh = False) -> None:
     _run(experiment.run, _options(output, None, quick, None, fresh, None))
 
 
+@app.command()
+def stepping(output: Output, quick: Quick = False) -> None:
+    """Steps a second beside MuJoCo: humanoid and cubes, and Talos alone."""
+    from signorini.experiments import stepping as experiment
+
+    _run(experiment.run, _options(output, None, quick, None, False, None))
+
+
 def _options(
     output: Path,
     data: Path | None,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 import sys
 from enum import Enum
 from pathlib import Path
@@ -17,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 import signorini
+from signorini.cli._output import finite, report, write_json
 
 Result = dict[str, Any]
 COLUMNS = {"primal": "primal", "dual": "dual", "complementarity": "complem.", "relative": "relative"}
@@ -76,7 +75,7 @@ def solve(
     try:  # a bad option is one error, not one a file
         signorini.solve(signorini.ContactProblem(np.zeros((0, 0)), [], []), **options)
     except signorini.InvalidInputError as error:
-        _report(errors, error)
+        report(errors, error)
         raise typer.Exit(2) from None
     paths, bad_input = _expand(files, errors)
     results: list[Result] = []
@@ -97,11 +96,12 @@ def solve(
                 results.append(_result(problem, signorini.solve(problem, **options)))
             except (signorini.InvalidInputError, OSError) as error:
                 bad_input = True
-                _report(errors, error)
+                report(errors, error)
             progress.advance(task)
 
     if json_file is not None:
-        bad_input |= not _write_json(json_file, results, errors)
+        content = {"version": signorini.__version__, "results": results}
+        bad_input |= not write_json(json_file, content, errors)
     if json_file != "-" and results:
         _print_table(results, tolerance)
     if bad_input:
@@ -109,16 +109,12 @@ def solve(
     raise typer.Exit(0 if all(result["status"] == "solved" for result in results) else 1)
 
 
-def _report(errors: Console, error: Any) -> None:
-    errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
-
-
 def _expand(files: list[Path], errors: Console) -> tuple[list[Path], bool]:
     paths, bad = [], False
     for file in files:
         found = sorted(file.glob("*.hdf5")) if file.is_dir() else [file]
         if not found:
-            _report(errors, f"{file}: holds no *.hdf5 files")
+            report(errors, f"{file}: holds no *.hdf5 files")
             bad = True
         paths += found
     return paths, bad
@@ -159,10 +155,6 @@ def _grows_without_bound(result: Result, tolerance: float) -> bool:
     return result["status"] != "solved" and relative is not None and relative <= tolerance
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None  # JSON knows neither NaN nor infinity
-
-
 def _result(problem: signorini.ContactProblem, solution: signorini.Solution) -> Result:
     residual = solution.residual.to_dict()
     return {
@@ -173,20 +165,6 @@ def _result(problem: signorini.ContactProblem, solution: signorini.Solution) -> 
         "iterations": solution.iterations,
         "factorizations": solution.factorizations,
         "seconds": solution.seconds,
-        "residual": {key: _finite(residual[key]) for key in (*COLUMNS, "against_free_velocity")},
-        "asymmetry": _finite(problem.asymmetry),
+        "residual": {key: finite(residual[key]) for key in (*COLUMNS, "against_free_velocity")},
+        "asymmetry": finite(problem.asymmetry),
     }
-
-
-def _write_json(target: str, results: list[Result], errors: Console) -> bool:
-    content = {"version": signorini.__version__, "results": results}
-    text = json.dumps(content, indent=2, allow_nan=False) + "\n"
-    if target == "-":
-        sys.stdout.write(text)
-        return True
-    try:
-        Path(target).write_text(text)
-    except OSError as error:
-        _report(errors, error)
-        return False
-    return True

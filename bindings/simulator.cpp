@@ -1,0 +1,394 @@
+#include "signorini/simulation/simulator.hpp"
+
+#include <nanobind/eigen/dense.h>
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/shared_ptr.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <cstring>
+#include <memory>
+
+#include "signorini/errors.hpp"
+#include "signorini/model/world_builder.hpp"
+#include "signorini/rollout/rollout.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace {
+
+using namespace signorini;
+
+using Values = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
+using Triangles = nb::ndarray<const int, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+
+nb::object view(Vector& x, nb::handle owner) {
+  return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<1>>(x.data(), {static_cast<std::size_t>(x.size())}, owner));
+}
+
+template <class T>
+nb::object array(const std::vector<T>& x) {
+  return nb::cast(nb::ndarray<nb::numpy, const T, nb::ndim<1>>(x.data(), {x.size()}), nb::rv_policy::copy);
+}
+
+Shape convex(Values vertices, Triangles triangles) {
+  ConvexMesh mesh;
+  for (std::size_t i = 0; i < vertices.shape(0); ++i)
+    mesh.vertices.emplace_back(vertices.data()[3 * i], vertices.data()[3 * i + 1], vertices.data()[3 * i + 2]);
+  for (std::size_t i = 0; i < triangles.shape(0); ++i)
+    mesh.triangles.push_back({triangles.data()[3 * i], triangles.data()[3 * i + 1], triangles.data()[3 * i + 2]});
+  return Shape::convex(std::move(mesh));
+}
+
+void bind_model(nb::module_& m) {
+  nb::enum_<JointType>(m, "JointType")
+      .value("free", JointType::Free)
+      .value("ball", JointType::Ball)
+      .value("revolute", JointType::Revolute)
+      .value("prismatic", JointType::Prismatic);
+  nb::enum_<ShapeType>(m, "ShapeType")
+      .value("sphere", ShapeType::Sphere)
+      .value("box", ShapeType::Box)
+      .value("capsule", ShapeType::Capsule)
+      .value("cylinder", ShapeType::Cylinder)
+      .value("ellipsoid", ShapeType::Ellipsoid)
+      .value("half_space", ShapeType::HalfSpace)
+      .value("convex", ShapeType::Convex);
+  nb::enum_<ConstraintType>(m, "ConstraintType")
+      .value("connect", ConstraintType::Connect)
+      .value("weld", ConstraintType::Weld)
+      .value("coupling", ConstraintType::Coupling);
+  nb::enum_<ActuatorType>(m, "ActuatorType")
+      .value("motor", ActuatorType::Motor)
+      .value("position", ActuatorType::Position)
+      .value("velocity", ActuatorType::Velocity);
+  nb::class_<Placement>(m, "Placement")
+      .def(nb::init<>())
+      .def_rw("rotation", &Placement::rotation)
+      .def_rw("translation", &Placement::translation);
+  nb::class_<Material>(m, "Material")
+      .def(nb::init<>())
+      .def_rw("friction", &Material::friction)
+      .def_rw("restitution", &Material::restitution)
+      .def_rw("stiffness", &Material::stiffness)
+      .def_rw("damping", &Material::damping)
+      .def("validate", [](const Material& self, const std::string& field) { self.validate(field.c_str()); });
+  m.def("mix", &mix);
+  nb::class_<Shape>(m, "Shape")
+      .def_static("sphere", &Shape::sphere)
+      .def_static("box", &Shape::box)
+      .def_static("capsule", &Shape::capsule)
+      .def_static("cylinder", &Shape::cylinder)
+      .def_static("ellipsoid", &Shape::ellipsoid)
+      .def_static("half_space", &Shape::half_space)
+      .def_static("convex", &convex)
+      .def_ro("type", &Shape::type)
+      .def_ro("size", &Shape::size)
+      .def_prop_ro("vertices",
+                   [](const Shape& self) {
+                     Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor> out(0, 3);
+                     if (self.mesh) {
+                       out.resize(static_cast<Index>(self.mesh->vertices.size()), 3);
+                       for (Index i = 0; i < out.rows(); ++i)
+                         out.row(i) = self.mesh->vertices[static_cast<std::size_t>(i)].transpose();
+                     }
+                     return out;
+                   })
+      .def_prop_ro("triangles", [](const Shape& self) {
+        Eigen::Matrix<int, Eigen::Dynamic, 3, Eigen::RowMajor> out(0, 3);
+        if (self.mesh) {
+          out.resize(static_cast<Index>(self.mesh->triangles.size()), 3);
+          for (Index i = 0; i < out.rows(); ++i)
+            for (Index k = 0; k < 3; ++k)
+              out(i, k) = self.mesh->triangles[static_cast<std::size_t>(i)][static_cast<std::size_t>(k)];
+        }
+        return out;
+      });
+  nb::class_<Joint>(m, "Joint")
+      .def(nb::init<>())
+      .def_rw("name", &Joint::name)
+      .def_rw("type", &Joint::type)
+      .def_rw("axis", &Joint::axis)
+      .def_rw("anchor", &Joint::anchor)
+      .def_rw("reference", &Joint::reference)
+      .def_rw("lower", &Joint::lower)
+      .def_rw("upper", &Joint::upper)
+      .def_rw("armature", &Joint::armature)
+      .def_rw("damping", &Joint::damping)
+      .def_rw("friction", &Joint::friction)
+      .def_rw("stiffness", &Joint::stiffness)
+      .def_rw("spring_reference", &Joint::spring_reference)
+      .def_ro("body", &Joint::body)
+      .def_ro("q_index", &Joint::q_index)
+      .def_ro("v_index", &Joint::v_index)
+      .def_prop_ro("num_q", &Joint::num_q)
+      .def_prop_ro("num_v", &Joint::num_v);
+  nb::class_<Body>(m, "Body")
+      .def(nb::init<>())
+      .def_rw("name", &Body::name)
+      .def_rw("parent", &Body::parent)
+      .def_rw("placement", &Body::placement)
+      .def_rw("mass", &Body::mass)
+      .def_rw("center", &Body::center)
+      .def_rw("inertia", &Body::inertia)
+      .def_rw("joints", &Body::joints)
+      .def_ro("frame", &Body::frame)
+      .def_ro("in_frame", &Body::in_frame);
+  nb::class_<Geometry>(m, "Geometry")
+      .def(nb::init<>())
+      .def_rw("name", &Geometry::name)
+      .def_rw("body", &Geometry::body)
+      .def_rw("shape", &Geometry::shape)
+      .def_rw("placement", &Geometry::placement)
+      .def_rw("material", &Geometry::material)
+      .def_rw("group", &Geometry::group)
+      .def_rw("mask", &Geometry::mask);
+  nb::class_<EqualityConstraint>(m, "EqualityConstraint")
+      .def(nb::init<>())
+      .def_rw("name", &EqualityConstraint::name)
+      .def_rw("type", &EqualityConstraint::type)
+      .def_rw("body_a", &EqualityConstraint::body_a)
+      .def_rw("body_b", &EqualityConstraint::body_b)
+      .def_rw("placement_a", &EqualityConstraint::placement_a)
+      .def_rw("placement_b", &EqualityConstraint::placement_b)
+      .def_rw("joint_a", &EqualityConstraint::joint_a)
+      .def_rw("joint_b", &EqualityConstraint::joint_b)
+      .def_prop_rw(
+          "coefficients",
+          [](const EqualityConstraint& self) { return std::vector<double>(self.coefficients, self.coefficients + 5); },
+          [](EqualityConstraint& self, const std::vector<double>& x) {
+            for (std::size_t k = 0; k < 5; ++k) self.coefficients[k] = k < x.size() ? x[k] : 0.0;
+          })
+      .def_rw("reference_a", &EqualityConstraint::reference_a)
+      .def_rw("reference_b", &EqualityConstraint::reference_b)
+      .def_rw("stiffness", &EqualityConstraint::stiffness)
+      .def_rw("damping", &EqualityConstraint::damping);
+  nb::class_<Actuator>(m, "Actuator")
+      .def(nb::init<>())
+      .def_rw("name", &Actuator::name)
+      .def_rw("type", &Actuator::type)
+      .def_rw("joint", &Actuator::joint)
+      .def_rw("component", &Actuator::component)
+      .def_rw("gear", &Actuator::gear)
+      .def_rw("kp", &Actuator::kp)
+      .def_rw("kv", &Actuator::kv)
+      .def_rw("control_lower", &Actuator::control_lower)
+      .def_rw("control_upper", &Actuator::control_upper)
+      .def_rw("force_lower", &Actuator::force_lower)
+      .def_rw("force_upper", &Actuator::force_upper);
+  nb::class_<WorldBuilder>(m, "WorldBuilder")
+      .def(nb::init<const Vector3&>())
+      .def("add_body", &WorldBuilder::add_body)
+      .def("add_geometry", &WorldBuilder::add_geometry)
+      .def("add_constraint", &WorldBuilder::add_constraint)
+      .def("add_actuator", &WorldBuilder::add_actuator)
+      .def("exclude_bodies", &WorldBuilder::exclude_bodies)
+      .def("exclude_geometries", &WorldBuilder::exclude_geometries)
+      .def("find_body", &WorldBuilder::find_body)
+      .def("find_joint", &WorldBuilder::find_joint)
+      .def("build", &WorldBuilder::build, nb::call_guard<nb::gil_scoped_release>());
+  nb::class_<World>(m, "World")
+      .def_prop_ro("num_q", &World::num_q)
+      .def_prop_ro("num_v", &World::num_v)
+      .def_prop_ro("num_controls", &World::num_controls)
+      .def_prop_ro("num_frames", &World::num_frames)
+      .def_prop_ro("bodies", &World::bodies)
+      .def_prop_ro("joints", &World::joints)
+      .def_prop_ro("geometries", &World::geometries)
+      .def_prop_ro("constraints", &World::constraints)
+      .def_prop_ro("actuators", &World::actuators)
+      .def_prop_ro("excluded_pairs", &World::excluded_pairs)
+      .def_prop_ro("gravity", &World::gravity)
+      .def_prop_ro("initial_q", [](const World& self) { return Vector(self.initial_q()); })
+      .def("may_touch", &World::may_touch)
+      .def("frame_placements",
+           [](const std::shared_ptr<const World>& self, const Vector& q) {
+             if (q.size() != self->num_q())
+               throw InvalidInput(
+                   "q", "has " + std::to_string(q.size()) + " values, must have " + std::to_string(self->num_q()));
+             Dynamics dynamics(self);
+             dynamics.update_placements(q);
+             return dynamics.frames();
+           })
+      .def("integrate",
+           [](const World& self, const Vector& q, const Vector& v, double time_step) {
+             if (q.size() != self.num_q() || v.size() != self.num_v())
+               throw InvalidInput("q, v", "must have " + std::to_string(self.num_q()) + " and " +
+                                              std::to_string(self.num_v()) + " values");
+             Vector next(q.size());
+             self.integrate(q, v, time_step, next);
+             return next;
+           })
+      .def("touching_pairs", [](const std::shared_ptr<const World>& self, const Vector& q, double margin) {
+        nb::list out;
+        for (const TouchingPair& pair : touching_pairs(self, q, margin))
+          out.append(nb::make_tuple(pair.geometry_a, pair.geometry_b, pair.distance));
+        return out;
+      });
+}
+
+void bind_simulation(nb::module_& m) {
+  nb::enum_<ContactMode>(m, "ContactMode")
+      .value("open", ContactMode::Open)
+      .value("stick", ContactMode::Stick)
+      .value("slide", ContactMode::Slide);
+  nb::class_<SimulatorSettings>(m, "SimulatorSettings")
+      .def(nb::init<>())
+      .def_rw("time_step", &SimulatorSettings::time_step)
+      .def_rw("baumgarte", &SimulatorSettings::baumgarte)
+      .def_rw("max_correction_speed", &SimulatorSettings::max_correction_speed)
+      .def_rw("restitution_threshold", &SimulatorSettings::restitution_threshold)
+      .def_rw("contact_margin", &SimulatorSettings::contact_margin)
+      .def_prop_rw(
+          "law", [](const SimulatorSettings& self) { return self.solver.law; },
+          [](SimulatorSettings& self, Law law) { self.solver.law = law; })
+      .def_prop_rw(
+          "solver", [](const SimulatorSettings& self) { return self.solver.solver; },
+          [](SimulatorSettings& self, SolverType solver) { self.solver.solver = solver; })
+      .def_prop_rw(
+          "tolerance", [](const SimulatorSettings& self) { return self.solver.tolerance; },
+          [](SimulatorSettings& self, double tolerance) { self.solver.tolerance = tolerance; })
+      .def_prop_rw(
+          "max_iterations", [](const SimulatorSettings& self) { return self.solver.max_iterations; },
+          [](SimulatorSettings& self, int max_iterations) { self.solver.max_iterations = max_iterations; })
+      .def("validate", &SimulatorSettings::validate);
+  nb::class_<StepReport>(m, "StepReport")
+      .def_ro("status", &StepReport::status)
+      .def_ro("solver", &StepReport::solver)
+      .def_ro("residual", &StepReport::residual)
+      .def_ro("iterations", &StepReport::iterations)
+      .def_ro("factorizations", &StepReport::factorizations)
+      .def_ro("num_contacts", &StepReport::num_contacts)
+      .def_ro("num_constraints", &StepReport::num_constraints)
+      .def_ro("deepest_overlap", &StepReport::deepest_overlap)
+      .def_ro("steps", &StepReport::steps)
+      .def_ro("unsolved", &StepReport::unsolved);
+  nb::class_<Contact>(m, "Contact")
+      .def_ro("geometry_a", &Contact::geometry_a)
+      .def_ro("geometry_b", &Contact::geometry_b)
+      .def_ro("position", &Contact::position)
+      .def_ro("frame", &Contact::frame)
+      .def_ro("distance", &Contact::distance)
+      .def_ro("force", &Contact::force)
+      .def_ro("velocity", &Contact::velocity)
+      .def_ro("mode", &Contact::mode)
+      .def_ro("id", &Contact::id);
+  nb::class_<Simulator>(m, "Simulator")
+      .def("__init__", [](Simulator* self, const std::shared_ptr<const World>& world,
+                          const SimulatorSettings& settings) { new (self) Simulator(world, settings); })
+      .def_prop_ro("q", [](nb::handle self) { return view(nb::cast<Simulator&>(self).q(), self); })
+      .def_prop_ro("v", [](nb::handle self) { return view(nb::cast<Simulator&>(self).v(), self); })
+      .def_prop_rw(
+          "time", [](Simulator& self) { return self.time(); }, [](Simulator& self, double time) { self.time() = time; })
+      .def_prop_ro("control", [](nb::handle self) { return view(nb::cast<Simulator&>(self).control(), self); })
+      .def_prop_ro("applied_force",
+                   [](nb::handle self) { return view(nb::cast<Simulator&>(self).applied_force(), self); })
+      .def_prop_ro("external_wrench",
+                   [](nb::handle self) {
+                     Matrix& w = nb::cast<Simulator&>(self).external_wrench();
+                     return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<2>>(
+                         w.data(), {static_cast<std::size_t>(w.cols()), std::size_t{6}}, self));
+                   })
+      .def("step", &Simulator::step, nb::call_guard<nb::gil_scoped_release>())
+      .def(
+          "run",
+          [](Simulator& self, Index num_steps, const Matrix& controls, bool keep_states) {
+            Trace trace;
+            Matrix states;
+            {
+              const nb::gil_scoped_release release;
+              run(self, num_steps, controls, trace, keep_states ? &states : nullptr);
+            }
+            nb::dict out;
+            out["seconds"] = array(trace.seconds);
+            out["relative"] = array(trace.relative);
+            out["penetration"] = array(trace.penetration);
+            out["iterations"] = array(trace.iterations);
+            out["factorizations"] = array(trace.factorizations);
+            out["num_contacts"] = array(trace.num_contacts);
+            out["solved"] = array(trace.solved);
+            out["states"] = nb::cast(states);
+            return out;
+          },
+          "num_steps"_a, "controls"_a, "keep_states"_a)
+      .def_prop_ro("report", &Simulator::report)
+      .def("contacts", &Simulator::contacts)
+      .def("contact_force", &Simulator::contact_force)
+      .def("kinetic_energy", &Simulator::kinetic_energy)
+      .def("potential_energy", &Simulator::potential_energy)
+      .def("momentum", [](Simulator& self) { return Vector(self.momentum()); })
+      .def("mass_matrix", &Simulator::mass_matrix)
+      .def("frames", [](Simulator& self) { return self.frames(); })
+      .def("reset", &Simulator::reset)
+      .def("save",
+           [](const Simulator& self) {
+             const std::string bytes = self.save();
+             return nb::bytes(bytes.data(), bytes.size());
+           })
+      .def("restore", [](Simulator& self, nb::bytes bytes) { self.restore(std::string(bytes.c_str(), bytes.size())); })
+      .def_prop_ro("state_hash", &Simulator::state_hash)
+      .def("problem_arrays", [](const Simulator& self) {  // of the last step
+        const ContactProblem& p = self.assembler().problem();
+        nb::dict out;
+        std::vector<int> types;
+        std::vector<double> first, second;
+        for (const ConstraintSet& set : p.sets()) {
+          types.push_back(static_cast<int>(set.type));
+          first.push_back(set.type == SetType::FrictionCone ? set.friction : set.lower);
+          second.push_back(set.upper);
+        }
+        out["delassus"] = nb::cast(Matrix(p.delassus().matrix()));
+        out["free_velocity"] = nb::cast(Vector(p.free_velocity()));
+        out["compliance"] = nb::cast(Vector(p.compliance()));
+        out["types"] = nb::cast(types);
+        out["first"] = nb::cast(first);
+        out["second"] = nb::cast(second);
+        out["impulse"] = nb::cast(Vector(self.impulse()));
+        return out;
+      });
+  m.def(
+      "rollout",
+      [](const std::shared_ptr<const World>& world, const SimulatorSettings& settings, Values initial, Values controls,
+         Index num_steps, int num_threads) {
+        const auto num = static_cast<Index>(initial.shape(0));
+        const Index width = world->num_q() + world->num_v();
+        auto* states = new std::vector<double>(static_cast<std::size_t>(num * num_steps * width));
+        const nb::capsule owner(states, [](void* p) noexcept { delete static_cast<std::vector<double>*>(p); });
+        std::vector<std::int64_t> unsolved(static_cast<std::size_t>(num));
+        const double* given = controls.size() > 0 ? controls.data() : nullptr;
+        {
+          const nb::gil_scoped_release release;
+          rollout(world, settings, initial.data(), given, num, {num_steps, num_threads}, states->data(),
+                  unsolved.data());
+        }
+        return std::make_pair(
+            nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<3>>(
+                states->data(),
+                {static_cast<std::size_t>(num), static_cast<std::size_t>(num_steps), static_cast<std::size_t>(width)},
+                owner)),
+            array(unsolved));
+      },
+      "world"_a, "settings"_a, "initial"_a, "controls"_a, "num_steps"_a, "num_threads"_a);
+}
+
+}  // namespace
+
+NB_MODULE(_simulator, m) {
+  m.doc() = "The simulator's C++ core. Private: use the package signorini.";
+  // Law, SolverType, Status and Residual are bound there, once for both.
+  const nb::object error = nb::module_::import_("signorini._core").attr("InvalidInputError");
+  nb::register_exception_translator(
+      [](const std::exception_ptr& p, void* type) {
+        try {
+          std::rethrow_exception(p);
+        } catch (const InvalidInput& e) {
+          PyErr_SetString(static_cast<PyObject*>(type), e.what());
+        }
+      },
+      nb::object(error).release().ptr());
+  bind_model(m);
+  bind_simulation(m);
+}

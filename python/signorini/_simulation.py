@@ -1,0 +1,457 @@
+"""Stepping a world: Simulator, its settings, what it reports, and many at once."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from signorini import _core, _simulator
+from signorini._core import InvalidInputError
+from signorini._problem import Constraint, ContactProblem, Equality, FrictionCone, HalfLine, Interval
+from signorini._solution import Residual
+from signorini._solve import LawName, SolverName
+from signorini._world import Array, World
+
+OnUnsolved = Literal["continue", "warn", "raise"]
+ContactModeName = Literal["open", "stick", "slide"]
+
+
+class UnsolvedStepError(RuntimeError):
+    """A step's contact problem was not solved to the tolerance, and on_unsolved is "raise". The step was made, with the
+    best impulse found."""
+
+
+class UnsolvedStepWarning(RuntimeWarning):
+    """The same, for on_unsolved="warn"."""
+
+
+@dataclass(frozen=True)
+class SimulatorSettings:
+    """How a world is stepped.
+
+    time_step: [s], in [1e-6, 0.1].
+    law: "ncp", Signorini and Coulomb with maximum dissipation, or "ccp", its convex relaxation.
+    solver, tolerance, max_iterations: as for solve(); tolerance on the certificate's relative residual.
+    on_unsolved: about a step that is not solved: "continue" (and count it in report.unsolved), "warn", "raise".
+    baumgarte: share of an overlap of rigid bodies that one step takes back, in [0, 1].
+    max_correction_speed: limit of that [m/s, rad/s].
+    restitution_threshold: approach speed below which nothing bounces [m/s].
+    contact_margin: points with a gap up to this are part of the problem [m]; None: 2 mm and 3 m/s times the time step.
+    """
+
+    time_step: float = 1e-3
+    law: LawName = "ncp"
+    solver: SolverName = "auto"
+    tolerance: float = 1e-6
+    max_iterations: int | None = None
+    on_unsolved: OnUnsolved = "continue"
+    baumgarte: float = 0.2
+    max_correction_speed: float = 1.0
+    restitution_threshold: float = 0.05
+    contact_margin: float | None = None
+
+    def _to_core(self) -> Any:
+        core = _simulator.SimulatorSettings()
+        for key in ("time_step", "tolerance", "baumgarte", "max_correction_speed", "restitution_threshold"):
+            value = getattr(self, key)
+            if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
+                raise InvalidInputError(f"{key}: is {value!r}, must be a number")
+            setattr(core, key, float(value))
+        core.contact_margin = -1.0 if self.contact_margin is None else float(self.contact_margin)
+        if self.contact_margin is not None and not self.contact_margin >= 0.0:
+            raise InvalidInputError(f"contact_margin: is {self.contact_margin!r}, must be in [0, 1] m, or None")
+        if self.law not in ("ncp", "ccp"):
+            raise InvalidInputError(f"law: is {self.law!r}, must be 'ncp' or 'ccp'")
+        core.law = _core.Law.__members__[self.law]
+        solvers = _core.SolverType.__members__
+        if self.solver not in solvers:
+            raise InvalidInputError(f"solver: is {self.solver!r}, must be one of {', '.join(map(repr, solvers))}")
+        core.solver = solvers[self.solver]
+        if self.max_iterations is not None:
+            if not self.max_iterations >= 1:
+                raise InvalidInputError(f"max_iterations: is {self.max_iterations!r}, must be at least 1, or None")
+            core.max_iterations = int(self.max_iterations)
+        if self.on_unsolved not in ("continue", "warn", "raise"):
+            raise InvalidInputError(f"on_unsolved: is {self.on_unsolved!r}, must be 'continue', 'warn' or 'raise'")
+        core.validate()
+        return core
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A contact point of the last step.
+
+    body_a, body_b, geometry_a, geometry_b: names. position: world [m], at the start of the step.
+    normal: unit, from a to b. frame: columns (t1, t2, n) in the world, 3 x 3.
+    distance: signed gap at the start of the step [m].
+    mode: "open" (no force), "stick" or "slide".
+    force: on body b, world axes [N], mean over the step; force_local: the same in the contact frame (t1, t2, n).
+    velocity: of b relative to a at the end of the step, in the contact frame [m/s].
+    id: the same from step to step while the point persists.
+    """
+
+    body_a: str
+    body_b: str
+    geometry_a: str
+    geometry_b: str
+    position: Array
+    normal: Array
+    frame: Array
+    distance: float
+    mode: ContactModeName
+    force: Array
+    force_local: Array
+    velocity: Array
+    id: int
+
+
+@dataclass(frozen=True)
+class StepReport:
+    """What the last step did, and counts since the simulator was made.
+
+    status: "solved" when the certificate holds at the tolerance. residual: that certificate. solver: what found
+    the answer. deepest_overlap: at the start of the step [m]. steps, unsolved: counts.
+    """
+
+    status: str
+    residual: Residual
+    solver: str
+    iterations: int
+    factorizations: int
+    num_contacts: int
+    num_constraints: int
+    deepest_overlap: float
+    steps: int
+    unsolved: int
+
+
+@dataclass(frozen=True)
+class Energy:
+    """[J]; potential: of gravity and joint springs, zero at z = 0."""
+
+    kinetic: float
+    potential: float
+
+    @property
+    def total(self) -> float:
+        return self.kinetic + self.potential
+
+
+class State:
+    """Configuration, velocity and time of a simulator: `state.q` and `state.v` are views that can be written to."""
+
+    def __init__(self, core: Any) -> None:
+        self._core = core
+        self._q, self._v = core.q, core.v
+
+    @property
+    def q(self) -> Array:
+        """num_q values."""
+        return self._q  # type: ignore[no-any-return]
+
+    @q.setter
+    def q(self, value: ArrayLike) -> None:
+        _fill("q", self._q, value)
+
+    @property
+    def v(self) -> Array:
+        """num_v values; of a free joint: linear and angular velocity in the frame of the body."""
+        return self._v  # type: ignore[no-any-return]
+
+    @v.setter
+    def v(self, value: ArrayLike) -> None:
+        _fill("v", self._v, value)
+
+    @property
+    def time(self) -> float:
+        """[s]"""
+        return float(self._core.time)
+
+    @time.setter
+    def time(self, value: float) -> None:
+        self._core.time = float(value)
+
+
+def _fill(field: str, target: Array, value: ArrayLike) -> None:
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape not in (target.shape, ()):
+        raise InvalidInputError(f"{field}: has shape {array.shape}, must be {target.shape}")
+    target[:] = array
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """What run() kept of each step; arrays of num_steps values.
+
+    seconds: wall time. relative: the certificate. penetration: deepest overlap at the start of the step [m].
+    states: num_steps x (num_q + num_v), after each step, or None.
+    """
+
+    seconds: Array
+    relative: Array
+    penetration: Array
+    iterations: NDArray[np.int32]
+    factorizations: NDArray[np.int32]
+    num_contacts: NDArray[np.int32]
+    solved: NDArray[np.bool_]
+    states: Array | None
+
+
+class Simulator:
+    """Steps a world.
+
+        simulator = Simulator(world)
+        for _ in range(1000):
+            simulator.step()
+        simulator.state.q, simulator.contacts, simulator.report
+
+    One step of length time_step: velocity without contact; contacts, joint limits, joint friction and equalities as one
+    contact problem; its solution, certified; velocity and position (docs/simulation.md; Carpentier et al. 2024, II).
+    Not thread-safe; many simulators may share a world. Stepping releases the GIL.
+    """
+
+    def __init__(self, world: World, settings: SimulatorSettings | None = None, **changes: Any) -> None:
+        """settings: a SimulatorSettings; changes: fields of it by name, e.g. time_step=2e-3.
+
+        Raises InvalidInputError naming the field, its value and what is allowed.
+        """
+        if not isinstance(world, World):
+            raise InvalidInputError(f"world: is a {type(world).__name__}, must be a signorini.World")
+        try:
+            self.settings = replace(settings or SimulatorSettings(), **changes)
+        except TypeError:
+            known = ", ".join(SimulatorSettings.__dataclass_fields__)
+            raise InvalidInputError(f"settings: {', '.join(changes)}: must be among {known}") from None
+        self.world = world
+        self._core = _simulator.Simulator(world._core, self.settings._to_core())
+        self._state = State(self._core)
+        self._control = self._core.control
+        self._applied_force = self._core.applied_force
+        self._external_wrench = self._core.external_wrench
+        self._unsolved = 0
+
+    @property
+    def state(self) -> State:
+        """q, v and time, readable and writable."""
+        return self._state
+
+    @property
+    def control(self) -> Array:
+        """One value an actuator, writable; world.actuators says in which unit. Kept from step to step."""
+        return self._control  # type: ignore[no-any-return]
+
+    @control.setter
+    def control(self, value: ArrayLike) -> None:
+        _fill("control", self._control, value)
+
+    @property
+    def applied_force(self) -> Array:
+        """Generalised force on each velocity [N, N m], num_v values, writable; added to everything else."""
+        return self._applied_force  # type: ignore[no-any-return]
+
+    @applied_force.setter
+    def applied_force(self, value: ArrayLike) -> None:
+        _fill("applied_force", self._applied_force, value)
+
+    def set_external_wrench(self, body: str, force: ArrayLike = (0, 0, 0), moment: ArrayLike = (0, 0, 0)) -> None:
+        """Force [N] at a body's origin and moment [N m], world axes, kept until set again."""
+        row = self._external_wrench[self.world.body_index(body)]
+        _fill("force", row[:3], force)
+        _fill("moment", row[3:], moment)
+
+    def step(self, num_steps: int = 1) -> None:
+        """Makes time steps. Raises InvalidInputError when state, control or a force is not finite, leaving the state;
+        UnsolvedStepError as settings.on_unsolved says."""
+        for _ in range(num_steps):
+            self._core.step()
+            if self.settings.on_unsolved != "continue":
+                self._check_solved()
+
+    def run(self, num_steps: int, controls: ArrayLike | None = None, *, keep_states: bool = False) -> Trace:
+        """The same in one go, keeping what each step reported. controls: num_steps x num_controls, or None."""
+        given = np.zeros((0, 0)) if controls is None else np.asarray(controls, dtype=np.float64)
+        if given.ndim != 2:
+            raise InvalidInputError(f"controls: has shape {given.shape}, must be ({num_steps}, {len(self._control)})")
+        out = self._core.run(int(num_steps), given, keep_states)
+        states = out.pop("states")
+        trace = Trace(**{**out, "solved": out["solved"].astype(bool)}, states=states if keep_states else None)
+        if self.settings.on_unsolved != "continue":
+            self._check_solved()
+        return trace
+
+    def _check_solved(self) -> None:
+        count = self._core.report.unsolved
+        if count <= self._unsolved:
+            return
+        self._unsolved = count
+        report = self.report
+        message = (
+            f"contact problem not solved at time {self.state.time:.6g} s ({report.status}): relative residual "
+            f"{report.residual.relative:.1e}, tolerance {self.settings.tolerance:.1e}, {report.num_contacts} contacts"
+        )
+        if self.settings.on_unsolved == "raise":
+            raise UnsolvedStepError(message)
+        warnings.warn(message, UnsolvedStepWarning, stacklevel=3)
+
+    @property
+    def contacts(self) -> list[Contact]:
+        """The contact points of the last step, open ones within the margin included."""
+        world = self.world
+        result = []
+        for c in self._core.contacts():
+            a, b = world.geometries[c.geometry_a], world.geometries[c.geometry_b]
+            result.append(
+                Contact(
+                    body_a=world.body_names[a.body],
+                    body_b=world.body_names[b.body],
+                    geometry_a=a.name,
+                    geometry_b=b.name,
+                    position=c.position,
+                    normal=c.frame[:, 2],
+                    frame=c.frame,
+                    distance=c.distance,
+                    mode=c.mode.name,
+                    force=c.frame @ c.force,
+                    force_local=c.force,
+                    velocity=c.velocity,
+                    id=c.id,
+                )
+            )
+        return result
+
+    def contact_force(self, body_a: str, body_b: str) -> Array:
+        """Total contact force of body a on body b in the last step, world axes [N]."""
+        return np.array(self._core.contact_force(self.world.body_index(body_a), self.world.body_index(body_b)))
+
+    @property
+    def energy(self) -> Energy:
+        """Of the present state."""
+        return Energy(self._core.kinetic_energy(), self._core.potential_energy())
+
+    @property
+    def momentum(self) -> Array:
+        """Linear [kg m/s] and angular about the world's origin [kg m^2/s], 6 values."""
+        return np.array(self._core.momentum())
+
+    @property
+    def mass_matrix(self) -> Array:
+        """num_v x num_v, armature included."""
+        return np.array(self._core.mass_matrix())
+
+    @property
+    def report(self) -> StepReport:
+        r = self._core.report
+        return StepReport(
+            status=r.status.name,
+            residual=Residual._from_core(r.residual),
+            solver=r.solver.name,
+            iterations=r.iterations,
+            factorizations=r.factorizations,
+            num_contacts=r.num_contacts,
+            num_constraints=r.num_constraints,
+            deepest_overlap=r.deepest_overlap,
+            steps=r.steps,
+            unsolved=r.unsolved,
+        )
+
+    def body_placement(self, body: str) -> tuple[Array, Array]:
+        """(position [m], 3 x 3 rotation) of a body's frame in the world, now."""
+        b = self.world.bodies[self.world.body_index(body)]
+        frame = self._core.frames()[b.frame]
+        return frame.rotation @ b.in_frame.translation + frame.translation, frame.rotation @ b.in_frame.rotation
+
+    def contact_problem(self) -> ContactProblem:
+        """The problem of the last step, for solve(), a file (fclib.write), or another solver."""
+        arrays = self._core.problem_arrays()
+        constraints: list[Constraint] = []
+        for kind, first, second in zip(arrays["types"], arrays["first"], arrays["second"], strict=True):
+            if kind == 0:
+                constraints.append(FrictionCone(first))
+            elif kind == 1:
+                constraints.append(HalfLine())
+            elif kind == 2:
+                constraints.append(Interval(first, second))
+            else:
+                constraints.append(Equality())
+        return ContactProblem(
+            arrays["delassus"],
+            arrays["free_velocity"],
+            compliance=arrays["compliance"],
+            constraints=constraints,
+            name=f"step-{self.report.steps}",
+            check=False,
+        )
+
+    def reset(self) -> None:
+        """Back to the world's initial configuration, at rest, time 0, without controls and forces."""
+        self._core.reset()
+        self._unsolved = 0
+
+    def save(self) -> bytes:
+        """Everything that the next step depends on, warm starts included."""
+        return bytes(self._core.save())
+
+    def restore(self, saved: bytes) -> None:
+        """Goes on from what save() of an equal simulator returned, bit for bit. Other bytes raise InvalidInputError."""
+        if not isinstance(saved, bytes):
+            raise InvalidInputError(f"saved: is a {type(saved).__name__}, must be bytes from save()")
+        self._core.restore(saved)
+        self._unsolved = self._core.report.unsolved
+
+    @property
+    def state_hash(self) -> str:
+        """64 bits of q, v and time, as 16 hexadecimal digits: equal states, equal hash."""
+        return f"{self._core.state_hash:016x}"
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """states: simulations x steps x (num_q + num_v), after each step; unsolved: steps not solved, by simulation."""
+
+    states: Array
+    unsolved: NDArray[np.int64]
+
+
+def rollout(
+    world: World,
+    states: ArrayLike,
+    controls: ArrayLike | None = None,
+    *,
+    num_steps: int | None = None,
+    threads: int = 0,
+    settings: SimulatorSettings | None = None,
+) -> Rollout:
+    """Steps many simulations of one world on threads of the C++ core; each bit-equal to stepping it alone.
+
+    states: where each starts, simulations x (num_q + num_v). controls: simulations x steps x num_controls or None (then
+    num_steps says how many). threads: 0 for as many as the machine has. A simulation that leaves the range of finite
+    numbers fills the rest of its states with NaN and counts as unsolved.
+
+    Raises InvalidInputError naming the field, its value and what is allowed.
+    """
+    start = np.ascontiguousarray(states, dtype=np.float64)
+    width = world.num_q + world.num_v
+    if start.ndim != 2 or start.shape[1] != width:
+        raise InvalidInputError(f"states: has shape {start.shape}, must be (simulations, {width})")
+    if controls is None:
+        given = np.zeros((0, 0, 0))
+        if num_steps is None:
+            raise InvalidInputError("num_steps: is missing, must be given where there are no controls")
+        steps = int(num_steps)
+    else:
+        given = np.ascontiguousarray(controls, dtype=np.float64)
+        if given.ndim != 3 or given.shape[0] != start.shape[0] or given.shape[2] != world.num_controls:
+            raise InvalidInputError(
+                f"controls: has shape {given.shape}, must be ({start.shape[0]}, steps, {world.num_controls})"
+            )
+        steps = given.shape[1]
+        if num_steps not in (None, steps):
+            raise InvalidInputError(f"num_steps: is {num_steps}, must be the {steps} of the controls, or None")
+    out, unsolved = _simulator.rollout(
+        world._core, (settings or SimulatorSettings())._to_core(), start, given, steps, int(threads)
+    )
+    return Rollout(out, unsolved)

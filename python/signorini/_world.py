@@ -1,0 +1,588 @@
+"""Worlds and what they are built from: bodies, joints, shapes, materials, constraints, actuators."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from signorini import _simulator
+from signorini._core import InvalidInputError
+
+Array = NDArray[np.float64]
+WORLD = "world"
+
+
+@dataclass(frozen=True)
+class Material:
+    """How a surface behaves in contact.
+
+    friction: Coulomb's coefficient, >= 0. restitution: share of the approach speed that comes back, in [0, 1].
+    stiffness: of a contact patch [N/m], shared by its points; infinite: rigid. damping: of the same patch [N s/m].
+    Two materials mix to: friction sqrt(mu_a mu_b), the larger restitution, springs in series.
+    """
+
+    friction: float = 0.8
+    restitution: float = 0.0
+    stiffness: float = math.inf
+    damping: float = 0.0
+
+
+@dataclass(frozen=True)
+class Sphere:
+    radius: float  #: [m]
+
+
+@dataclass(frozen=True)
+class Box:
+    half_extents: tuple[float, float, float]  #: [m]
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """Along z. half_length: of the axis, without the caps."""
+
+    radius: float  #: [m]
+    half_length: float  #: [m]
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """Along z."""
+
+    radius: float  #: [m]
+    half_length: float  #: [m]
+
+
+@dataclass(frozen=True)
+class Ellipsoid:
+    radii: tuple[float, float, float]  #: [m]
+
+
+@dataclass(frozen=True)
+class HalfSpace:
+    """Solid where z <= 0."""
+
+
+@dataclass(frozen=True, eq=False)
+class Convex:
+    """A convex polyhedron: the hull's vertices, n x 3 [m], and its triangles, m x 3, winding outwards."""
+
+    vertices: Array
+    triangles: NDArray[np.int32]
+
+
+Shape = Sphere | Box | Capsule | Cylinder | Ellipsoid | HalfSpace | Convex
+
+JointType = Literal["free", "ball", "revolute", "prismatic"]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint between a body and its parent; `axis` and `anchor` are in the body frame.
+
+    Values (q, v): free 7, 6 (position, quaternion x y z w; linear and angular velocity in the body frame); ball 4, 3;
+    revolute and prismatic 1, 1. `reference`: the value at which the body has its placement. Units follow the joint: rad
+    and N m, or m and N.
+    """
+
+    name: str
+    type: JointType = "revolute"
+    axis: Sequence[float] = (0.0, 0.0, 1.0)
+    anchor: Sequence[float] = (0.0, 0.0, 0.0)
+    reference: float = 0.0
+    lower: float = -math.inf
+    upper: float = math.inf
+    armature: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
+    stiffness: float = 0.0
+    spring_reference: float = 0.0
+
+
+def suggest(field: str, name: str, known: Iterable[str]) -> InvalidInputError:
+    """An error for a name that does not exist, with the nearest that do."""
+    names = list(known)
+    near = difflib.get_close_matches(name, names, n=3) or names[:3]
+    some = ", ".join(repr(n) for n in near)
+    return InvalidInputError(f"{field}: there is no {name!r}" + (f"; did you mean {some}?" if near else ""))
+
+
+def _vector(value: ArrayLike, size: int, field: str) -> Array:
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape != (size,):
+        raise InvalidInputError(f"{field}: has shape {array.shape}, must have {size} values")
+    return array
+
+
+def _rotation(value: ArrayLike, field: str) -> Array:
+    """3 x 3, from a matrix or a quaternion (x, y, z, w)."""
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape == (3, 3):
+        return array
+    if array.shape != (4,):
+        raise InvalidInputError(f"{field}: has shape {array.shape}, must be a quaternion (x, y, z, w) or 3 x 3")
+    norm = float(np.linalg.norm(array))
+    if not (math.isfinite(norm) and norm > 1e-9):
+        raise InvalidInputError(f"{field}: is a quaternion of length {norm}, must be finite and not 0")
+    x, y, z, w = array / norm
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _placement(position: ArrayLike, orientation: ArrayLike, field: str) -> Any:
+    placement = _simulator.Placement()
+    placement.translation = _vector(position, 3, f"{field}.position")
+    placement.rotation = _rotation(orientation, f"{field}.orientation")
+    return placement
+
+
+def _core_material(material: Material) -> Any:
+    core = _simulator.Material()
+    for key in ("friction", "restitution", "stiffness", "damping"):
+        setattr(core, key, float(getattr(material, key)))
+    return core
+
+
+def _core_shape(shape: Shape) -> Any:
+    make = _simulator.Shape
+    match shape:
+        case Sphere():
+            return make.sphere(float(shape.radius))
+        case Box():
+            return make.box(_vector(shape.half_extents, 3, "half_extents"))
+        case Capsule():
+            return make.capsule(float(shape.radius), float(shape.half_length))
+        case Cylinder():
+            return make.cylinder(float(shape.radius), float(shape.half_length))
+        case Ellipsoid():
+            return make.ellipsoid(_vector(shape.radii, 3, "radii"))
+        case HalfSpace():
+            return make.half_space()
+        case Convex():
+            vertices = np.ascontiguousarray(shape.vertices, dtype=np.float64)
+            triangles = np.ascontiguousarray(shape.triangles, dtype=np.int32)
+            for field, array in (("vertices", vertices), ("triangles", triangles)):
+                if array.ndim != 2 or array.shape[1] != 3:
+                    raise InvalidInputError(f"{field}: has shape {array.shape}, must be n x 3")
+            return make.convex(vertices, triangles)
+    raise InvalidInputError(
+        f"shape: is {shape!r}, must be a Sphere, Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Convex"
+    )
+
+
+def _core_joint(joint: Joint) -> Any:
+    core = _simulator.Joint()
+    field = f"joint {joint.name!r}"
+    core.name = joint.name
+    if joint.type not in ("free", "ball", "revolute", "prismatic"):
+        raise InvalidInputError(f"{field}.type: is {joint.type!r}, must be free, ball, revolute or prismatic")
+    core.type = getattr(_simulator.JointType, joint.type)
+    core.axis = _vector(joint.axis, 3, f"{field}.axis")
+    core.anchor = _vector(joint.anchor, 3, f"{field}.anchor")
+    for key in ("reference", "lower", "upper", "armature", "damping", "friction", "stiffness", "spring_reference"):
+        setattr(core, key, float(getattr(joint, key)))
+    return core
+
+
+class WorldBuilder:
+    """Builds a World from bodies; `load()` uses one for robot files.
+
+        builder = WorldBuilder()
+        builder.add_ground()
+        builder.add_body("box", joints=[Joint("box", "free")], position=(0, 0, 1), mass=1.0, inertia=np.eye(3) / 6)
+        builder.add_geometry("box", Box((0.5, 0.5, 0.5)))
+        world = builder.build()
+
+    Names of bodies and of joints are unique. Orientations are quaternions (x, y, z, w) or 3 x 3 rotation matrices.
+    Bad input raises InvalidInputError, which names the element, the value and the allowed range.
+    """
+
+    def __init__(self, gravity: ArrayLike = (0.0, 0.0, -9.81)) -> None:
+        """gravity: acceleration in the world [m/s^2]."""
+        self.gravity = _vector(gravity, 3, "gravity")
+        self._core = _simulator.WorldBuilder(self.gravity)
+        self._body_index: dict[str, int] = {WORLD: 0}
+        self._joint_index: dict[str, int] = {}
+        self._warnings: list[str] = []
+        self._visuals: dict[int, Any] = {}
+
+    def body_index(self, name: str, field: str = "body") -> int:
+        if name not in self._body_index:
+            raise suggest(field, name, self._body_index)
+        return self._body_index[name]
+
+    def joint_index(self, name: str, field: str = "joint") -> int:
+        if name not in self._joint_index:
+            raise suggest(field, name, self._joint_index)
+        return self._joint_index[name]
+
+    def add_body(
+        self,
+        name: str,
+        *,
+        parent: str = WORLD,
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        orientation: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        joints: Sequence[Joint] = (),
+        mass: float = 0.0,
+        center: ArrayLike = (0.0, 0.0, 0.0),
+        inertia: ArrayLike | None = None,
+    ) -> str:
+        """Adds a body and the joints (from the parent outwards; none: fixed) that it hangs on; returns its name.
+
+        position [m], orientation: in the parent body, joints at reference. mass [kg], center: of mass, in the body
+        [m]; inertia: 3 x 3 about the centre of mass, axes of the body [kg m^2].
+        """
+        field = f"body {name!r}"
+        body = _simulator.Body()
+        body.name = name
+        body.parent = self.body_index(parent, f"{field}.parent")
+        body.placement = _placement(position, orientation, field)
+        body.mass = float(mass)
+        body.center = _vector(center, 3, f"{field}.center")
+        matrix = np.zeros((3, 3)) if inertia is None else np.asarray(inertia, dtype=np.float64)
+        if matrix.shape != (3, 3):
+            raise InvalidInputError(f"{field}.inertia: has shape {matrix.shape}, must be 3 x 3")
+        body.inertia = matrix
+        body.joints = [_core_joint(joint) for joint in joints]
+        self._body_index[name] = self._core.add_body(body)
+        for joint in joints:
+            self._joint_index[joint.name] = len(self._joint_index)
+        return name
+
+    def add_geometry(
+        self,
+        body: str,
+        shape: Shape,
+        *,
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        orientation: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        material: Material | None = None,
+        name: str = "",
+        group: int = 1,
+        mask: int = 1,
+        visual: Any = None,
+    ) -> int:
+        """Adds something that collides, at a place in its body; returns its index.
+
+        Two geometries may touch if (group_a & mask_b) | (group_b & mask_a), they are not on a body (or bodies fixed to
+        each other), not on parent and child, and not excluded. `visual` is kept for viewers.
+        """
+        field = f"geometry {name!r}" if name else f"geometry of body {body!r}"
+        geometry = _simulator.Geometry()
+        geometry.name = name
+        geometry.body = self.body_index(body, f"{field}.body")
+        geometry.shape = _core_shape(shape)
+        geometry.placement = _placement(position, orientation, field)
+        geometry.material = _core_material(material or Material())
+        geometry.group, geometry.mask = int(group), int(mask)
+        index = int(self._core.add_geometry(geometry))
+        if visual is not None:
+            self._visuals[index] = visual
+        return index
+
+    def add_file(self, path: str | os.PathLike[str], **options: Any) -> Any:
+        """Adds a robot file: signorini.load.add_file, where the options are."""
+        from signorini.load import add_file
+
+        return add_file(self, path, **options)
+
+    def add_ground(self, material: Material | None = None, height: float = 0.0, name: str = "ground") -> int:
+        """A half space below z = height [m], fixed to the world."""
+        return self.add_geometry(WORLD, HalfSpace(), position=(0.0, 0.0, height), material=material, name=name)
+
+    def exclude(self, body_a: str, body_b: str) -> None:
+        """The geometries of these two bodies never touch."""
+        self._core.exclude_bodies(self.body_index(body_a, "exclude"), self.body_index(body_b, "exclude"))
+
+    def exclude_geometries(self, geometry_a: int, geometry_b: int) -> None:
+        """These two geometries, by index, never touch."""
+        self._core.exclude_geometries(int(geometry_a), int(geometry_b))
+
+    def _constraint(self, kind: str, name: str, stiffness: float, damping: float) -> Any:
+        constraint = _simulator.EqualityConstraint()
+        constraint.type = getattr(_simulator.ConstraintType, kind)
+        constraint.name, constraint.stiffness, constraint.damping = name, float(stiffness), float(damping)
+        return constraint
+
+    def add_connect(
+        self,
+        body_a: str,
+        body_b: str,
+        point_a: ArrayLike,
+        point_b: ArrayLike,
+        *,
+        name: str = "",
+        stiffness: float = math.inf,
+        damping: float = 0.0,
+    ) -> None:
+        """A point of one body [m, in its frame] stays at a point of another; rigid, or a spring [N/m] with damper."""
+        constraint = self._constraint("connect", name, stiffness, damping)
+        constraint.body_a, constraint.body_b = self.body_index(body_a, "body_a"), self.body_index(body_b, "body_b")
+        constraint.placement_a = _placement(point_a, (0.0, 0.0, 0.0, 1.0), "point_a")
+        constraint.placement_b = _placement(point_b, (0.0, 0.0, 0.0, 1.0), "point_b")
+        self._core.add_constraint(constraint)
+
+    def add_weld(
+        self,
+        body_a: str,
+        body_b: str,
+        *,
+        position_a: ArrayLike = (0.0, 0.0, 0.0),
+        orientation_a: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        position_b: ArrayLike = (0.0, 0.0, 0.0),
+        orientation_b: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        name: str = "",
+        stiffness: float = math.inf,
+        damping: float = 0.0,
+    ) -> None:
+        """Two frames, one in each body, stay the same; stiffness [N/m, N m/rad] and damping act on all six rows."""
+        constraint = self._constraint("weld", name, stiffness, damping)
+        constraint.body_a, constraint.body_b = self.body_index(body_a, "body_a"), self.body_index(body_b, "body_b")
+        constraint.placement_a = _placement(position_a, orientation_a, "frame a")
+        constraint.placement_b = _placement(position_b, orientation_b, "frame b")
+        self._core.add_constraint(constraint)
+
+    def add_coupling(
+        self,
+        joint: str,
+        driver: str | None,
+        coefficients: Sequence[float] = (0.0, 1.0),
+        *,
+        reference: float = 0.0,
+        driver_reference: float = 0.0,
+        name: str = "",
+        stiffness: float = math.inf,
+        damping: float = 0.0,
+    ) -> None:
+        """q_joint - reference = polynomial(q_driver - driver_reference), at most quartic, constant first.
+
+        Without a driver q_joint is held at reference + coefficients[0]. A URDF mimic joint is one of these.
+        """
+        if not 1 <= len(coefficients) <= 5:
+            raise InvalidInputError(f"coefficients: has {len(coefficients)} values, must have 1 to 5")
+        constraint = self._constraint("coupling", name, stiffness, damping)
+        constraint.joint_b = self.joint_index(joint)
+        constraint.joint_a = -1 if driver is None else self.joint_index(driver, "driver")
+        constraint.coefficients = [float(c) for c in coefficients]
+        constraint.reference_a, constraint.reference_b = float(driver_reference), float(reference)
+        self._core.add_constraint(constraint)
+
+    def _actuator(
+        self,
+        kind: str,
+        name: str,
+        joint: str,
+        component: int,
+        gear: float,
+        control_range: tuple[float, float],
+        force_range: tuple[float, float],
+        kp: float = 0.0,
+        kv: float = 0.0,
+    ) -> None:
+        actuator = _simulator.Actuator()
+        actuator.name = name
+        actuator.type = getattr(_simulator.ActuatorType, kind)
+        actuator.joint = self.joint_index(joint, f"actuator {name!r}.joint")
+        actuator.component, actuator.gear = int(component), float(gear)
+        actuator.kp, actuator.kv = float(kp), float(kv)
+        actuator.control_lower, actuator.control_upper = (float(x) for x in control_range)
+        actuator.force_lower, actuator.force_upper = (float(x) for x in force_range)
+        self._core.add_actuator(actuator)
+
+    def add_motor(
+        self,
+        name: str,
+        joint: str,
+        *,
+        component: int = 0,
+        gear: float = 1.0,
+        control_range: tuple[float, float] = (-math.inf, math.inf),
+        force_range: tuple[float, float] = (-math.inf, math.inf),
+    ) -> None:
+        """force = gear * control [N m, N], on one velocity of a joint; force_range bounds it before the gear."""
+        self._actuator("motor", name, joint, component, gear, control_range, force_range)
+
+    def add_position_actuator(
+        self,
+        name: str,
+        joint: str,
+        *,
+        kp: float,
+        kv: float = 0.0,
+        gear: float = 1.0,
+        control_range: tuple[float, float] = (-math.inf, math.inf),
+        force_range: tuple[float, float] = (-math.inf, math.inf),
+    ) -> None:
+        """force = gear * (kp (control - gear q) - kv gear v), implicit in q and v: stable at any gain."""
+        self._actuator("position", name, joint, 0, gear, control_range, force_range, kp, kv)
+
+    def add_velocity_actuator(
+        self,
+        name: str,
+        joint: str,
+        *,
+        kv: float,
+        component: int = 0,
+        gear: float = 1.0,
+        control_range: tuple[float, float] = (-math.inf, math.inf),
+        force_range: tuple[float, float] = (-math.inf, math.inf),
+    ) -> None:
+        """force = gear * kv (control - gear v), implicit in v."""
+        self._actuator("velocity", name, joint, component, gear, control_range, force_range, 0.0, kv)
+
+    def add_pinocchio(self, model: Any, prefix: str = "") -> None:
+        """Adds the joints and bodies of a Pinocchio model: a `pin.Model`, or the text that its saveToString() gives.
+
+        Bodies are named after their joints, "<joint> body". Joints: free-flyer, spherical, revolute, prismatic; others
+        raise InvalidInputError. Geometry is not part of a model: see add_geometry.
+        """
+        from signorini._pinocchio import add_pinocchio
+
+        add_pinocchio(self, model, prefix)
+
+    def warn(self, message: str) -> None:
+        """Something that was asked for and is not carried over; ends up in World.warnings."""
+        self._warnings.append(message)
+
+    def build(self) -> World:
+        """The world as it stands; the builder can go on. Raises InvalidInputError, e.g. for something without mass that
+        moves."""
+        return World(self._core.build(), tuple(self._warnings), dict(self._visuals))
+
+
+class World:
+    """Robots, objects and ground; constant, shared by simulators. Made by `load()` or a `WorldBuilder`.
+
+    bodies, joints, geometries, constraints, actuators: tuples of what it consists of, as the C++ core describes it
+    (joints in the order of their values in q and v, each with q_index, num_q, v_index, num_v).
+    warnings: what was in the robot's file and is not carried over.
+    """
+
+    def __init__(self, core: Any, warnings: tuple[str, ...] = (), visuals: dict[int, Any] | None = None) -> None:
+        self._core = core
+        self.warnings = warnings
+        self.visuals = visuals or {}
+
+    num_q = property(lambda self: int(self._core.num_q), doc="Values of a configuration.")
+    num_v = property(lambda self: int(self._core.num_v), doc="Values of a velocity.")
+    num_controls = property(lambda self: int(self._core.num_controls), doc="Actuators.")
+
+    @cached_property
+    def bodies(self) -> tuple[Any, ...]:
+        return tuple(self._core.bodies)
+
+    @cached_property
+    def joints(self) -> tuple[Any, ...]:
+        return tuple(self._core.joints)
+
+    @cached_property
+    def geometries(self) -> tuple[Any, ...]:
+        return tuple(self._core.geometries)
+
+    @cached_property
+    def constraints(self) -> tuple[Any, ...]:
+        return tuple(self._core.constraints)
+
+    @cached_property
+    def actuators(self) -> tuple[Any, ...]:
+        return tuple(self._core.actuators)
+
+    @cached_property
+    def body_names(self) -> tuple[str, ...]:
+        return tuple(body.name for body in self.bodies)
+
+    @cached_property
+    def joint_names(self) -> tuple[str, ...]:
+        return tuple(joint.name for joint in self.joints)
+
+    @cached_property
+    def geometry_names(self) -> tuple[str, ...]:
+        return tuple(geometry.name for geometry in self.geometries)
+
+    @cached_property
+    def actuator_names(self) -> tuple[str, ...]:
+        return tuple(actuator.name for actuator in self.actuators)
+
+    def body_index(self, name: str) -> int:
+        return self._index("body", name, self.body_names)
+
+    def geometry_index(self, name: str) -> int:
+        return self._index("geometry", name, self.geometry_names)
+
+    def actuator_index(self, name: str) -> int:
+        return self._index("actuator", name, self.actuator_names)
+
+    def joint(self, name: str) -> Any:
+        """The joint of that name."""
+        return self.joints[self._index("joint", name, self.joint_names)]
+
+    def q_slice(self, joint: str) -> slice:
+        """Where a joint's values are in q."""
+        j = self.joint(joint)
+        return slice(j.q_index, j.q_index + j.num_q)
+
+    def v_slice(self, joint: str) -> slice:
+        """Where a joint's values are in v."""
+        j = self.joint(joint)
+        return slice(j.v_index, j.v_index + j.num_v)
+
+    @staticmethod
+    def _index(field: str, name: str, names: tuple[str, ...]) -> int:
+        if name not in names:
+            raise suggest(field, name, names)
+        return names.index(name)
+
+    @property
+    def gravity(self) -> Array:
+        """[m/s^2]"""
+        return np.array(self._core.gravity)
+
+    @property
+    def initial_q(self) -> Array:
+        """Joints at their reference, free bodies where they were built; num_q values, a copy."""
+        return np.array(self._core.initial_q)
+
+    def integrate(self, q: ArrayLike, v: ArrayLike, time_step: float) -> Array:
+        """q advanced along v for a time step [s], on the manifold of configurations."""
+        return np.array(
+            self._core.integrate(_vector(q, self.num_q, "q"), _vector(v, self.num_v, "v"), float(time_step))
+        )
+
+    def body_placement(self, body: str, q: ArrayLike | None = None) -> tuple[Array, Array]:
+        """(position [m], 3 x 3 rotation) of a body's frame in the world at q (default: initial_q)."""
+        frames = self._core.frame_placements(self.initial_q if q is None else _vector(q, self.num_q, "q"))
+        b = self.bodies[self.body_index(body)]
+        frame = frames[b.frame]
+        return frame.rotation @ b.in_frame.translation + frame.translation, frame.rotation @ b.in_frame.rotation
+
+    def touching_pairs(self, q: ArrayLike | None = None, margin: float = 0.0) -> list[tuple[int, int, float]]:
+        """Pairs of geometries (a, b, smallest distance [m]) that may touch and are closer than margin [m] at q."""
+        return [
+            (int(a), int(b), float(d))
+            for a, b, d in self._core.touching_pairs(
+                self.initial_q if q is None else _vector(q, self.num_q, "q"), float(margin)
+            )
+        ]
+
+    def pinocchio_model(self) -> str:
+        """The world as a text archive of a Pinocchio model: `pin.Model().loadFromString(text)`.
+
+        Joints come in the same order, so q and v are the same.
+        """
+        from signorini._pinocchio import to_pinocchio
+
+        return str(to_pinocchio(self).saveToString())

@@ -1,0 +1,266 @@
+"""Robot files -> worlds.
+
+    world = signorini.load("robot.urdf", floating_base=True, ground=True)
+
+Several files in one world:
+
+    builder = signorini.WorldBuilder()
+    builder.add_file("arm.urdf", prefix="left/", position=(0.0, 0.5, 0.0))
+    builder.add_file("arm.urdf", prefix="right/", position=(0.0, -0.5, 0.0))
+    world = builder.build()
+
+What is read of each format, and the rules: docs/robot_files.md.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from signorini._core import InvalidInputError
+from signorini.load import _xml, mesh
+from signorini.load._options import Added, MeshFile, Options
+from signorini.load._placement import Placement, from_quaternion
+
+if TYPE_CHECKING:
+    from signorini._world import Material, World, WorldBuilder
+
+__all__ = ["Added", "MeshFile", "add_file", "exclude_overlapping_pairs", "file_format", "load"]
+
+Format = Literal["urdf", "mjcf"]
+PathLike = str | os.PathLike[str]
+GRAVITY = (0.0, 0.0, -9.81)
+
+
+def load(
+    path: PathLike,
+    *,
+    format: Format | None = None,
+    ground: bool | float = False,
+    gravity: Sequence[float] | None = None,
+    prefix: str = "",
+    position: Sequence[float] = (0.0, 0.0, 0.0),
+    orientation: npt.ArrayLike = (0.0, 0.0, 0.0, 1.0),
+    floating_base: bool | None = None,
+    package_dirs: Iterable[PathLike] = (),
+    srdf: PathLike | None = None,
+    material: Material | Mapping[str, Material] | None = None,
+    ground_material: Material | None = None,
+    motors: bool = True,
+    self_collision: bool = True,
+    exclude_overlapping: bool | Callable[[World], npt.ArrayLike] | None = None,
+    hull_vertices: int | None = mesh.HULL_VERTICES,
+    repair_inertia: bool = False,
+    builder: WorldBuilder | None = None,
+) -> World:
+    """Builds a world from a robot file (URDF, MJCF).
+
+    format: None: by the file's root element. ground: True adds a half space below z = 0, a number one below that height
+    [m], of `ground_material`. gravity: [m/s^2]; None: the file's, else (0, 0, -9.81). exclude_overlapping: pairs of
+    bodies of this robot that overlap at initial_q never touch, and world.warnings lists them; a function of the world
+    that returns a configuration (nq,) adds one to look at; None: True for URDF, False for MJCF, which lists its own.
+    builder: to add to; then `gravity` must not be given. The other arguments: see add_file().
+
+    What a file asks for and the world does not have is listed in world.warnings. Raises InvalidInputError naming file,
+    line and element, and what is allowed.
+    """
+    path = Path(path)
+    format = format or file_format(path)
+    options = _options(
+        prefix, position, orientation, floating_base, package_dirs, material, motors, hull_vertices, repair_inertia
+    )
+    source = _read(path, format)
+    if builder is None:
+        from signorini._world import WorldBuilder
+
+        builder = WorldBuilder(source.gravity or GRAVITY if gravity is None else gravity)
+    elif gravity is not None:
+        raise InvalidInputError("gravity: must not be given together with a builder, which has its own")
+    added = _add(builder, source, options, self_collision, srdf)
+    if ground is not False:
+        builder.add_ground(ground_material, 0.0 if ground is True else float(ground))
+    if exclude_overlapping is None:
+        exclude_overlapping = format == "urdf"
+    world = _build(builder, path)
+    if exclude_overlapping is False:
+        return world
+    configurations = [world.initial_q]
+    if callable(exclude_overlapping):
+        configurations.append(np.asarray(exclude_overlapping(world), dtype=np.float64))
+    if not exclude_overlapping_pairs(builder, world, [added], configurations):
+        return world
+    return _build(builder, path)
+
+
+def add_file(
+    builder: WorldBuilder,
+    path: PathLike,
+    *,
+    format: Format | None = None,
+    prefix: str = "",
+    position: Sequence[float] = (0.0, 0.0, 0.0),
+    orientation: npt.ArrayLike = (0.0, 0.0, 0.0, 1.0),
+    floating_base: bool | None = None,
+    package_dirs: Iterable[PathLike] = (),
+    srdf: PathLike | None = None,
+    material: Material | Mapping[str, Material] | None = None,
+    motors: bool = True,
+    self_collision: bool = True,
+    hull_vertices: int | None = mesh.HULL_VERTICES,
+    repair_inertia: bool = False,
+) -> Added:
+    """Adds what is in a robot file to a builder; returns the names and indices of what was added.
+
+    format: None: by the file's root element. prefix: of every name. position [m], orientation (quaternion x y z w or
+    3 x 3): of the robot's root in the world. floating_base: True hangs the root on a free joint "root_joint" (URDF;
+    an MJCF file says itself); None: False. package_dirs: folders that hold packages or are one, for package:// names.
+    srdf: file whose disabled pairs of links never touch. material: for all geometries, or by body, {name or pattern:
+    material}, the first that fits; else the file's (MJCF) or the default. motors: one on each joint of one value
+    (URDF), the file's (MJCF). self_collision: False: bodies of this file never touch each other. hull_vertices: largest
+    number of vertices of a mesh's hull; None: no limit. repair_inertia: inertias that no body can have are mended and
+    not refused.
+
+    Raises InvalidInputError naming file, line and element, and what is allowed. What had been added by then stays in
+    the builder.
+    """
+    path = Path(path)
+    options = _options(
+        prefix, position, orientation, floating_base, package_dirs, material, motors, hull_vertices, repair_inertia
+    )
+    return _add(builder, _read(path, format), options, self_collision, srdf)
+
+
+def file_format(path: PathLike) -> Format:
+    """What a file is, by its root element. Raises InvalidInputError when it is none of what is read."""
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix == ".xacro":
+        raise InvalidInputError(f"{path}: is xacro, not URDF; expand it first: xacro FILE.xacro > FILE.urdf")
+    if suffix not in (".urdf", ".xml", ".mjcf", ".sdf", ".world", ""):
+        raise InvalidInputError(f'{path}: has suffix "{suffix}"; robot files are .urdf, .xml or .mjcf')
+    tag = _xml.root_tag(path)
+    if tag == "robot":
+        return "urdf"
+    if tag in ("mujoco", "mujocoinclude"):
+        return "mjcf"
+    if tag == "sdf":
+        raise InvalidInputError(f"{path}: is SDF, which is not read yet; convert it to URDF or MJCF")
+    raise InvalidInputError(f"{path}: its root is <{tag}>, must be <robot> (URDF) or <mujoco> (MJCF)")
+
+
+def exclude_overlapping_pairs(
+    builder: WorldBuilder, world: World, added: Iterable[Added], configurations: Iterable[npt.ArrayLike] | None = None
+) -> list[tuple[str, str]]:
+    """Excludes in the builder every pair of bodies of one file that overlaps in one of the configurations.
+
+    world: what the builder builds now. added: what add_file() returned. configurations: each (nq,); None: the initial
+    one. Returns the pairs, which are also in builder.warn; build again when there are any.
+    """
+    found: dict[tuple[str, str], float] = {}
+    owners = [(file, file.body_of_geometry) for file in added]
+    for q in [world.initial_q] if configurations is None else configurations:
+        for a, b, distance in world.touching_pairs(np.asarray(q, dtype=np.float64), 0.0):
+            for _, body_of in owners:
+                if a in body_of and b in body_of and distance < 0.0:
+                    pair = body_of[a], body_of[b]
+                    found[pair] = min(found.get(pair, 0.0), distance)
+    for body_a, body_b in found:
+        builder.exclude(body_a, body_b)
+    if found:
+        listed = ", ".join(f"{a} and {b} ({-1e3 * depth:.2g} mm)" for (a, b), depth in found.items())
+        builder.warn(f"bodies that overlap at the start never touch: {listed}")
+    return list(found)
+
+
+def _options(
+    prefix: str,
+    position: Sequence[float],
+    orientation: npt.ArrayLike,
+    floating_base: bool | None,
+    package_dirs: Iterable[PathLike],
+    material: Material | Mapping[str, Material] | None,
+    motors: bool,
+    hull_vertices: int | None,
+    repair_inertia: bool,
+) -> Options:
+    if hull_vertices is not None and hull_vertices < 4:
+        raise InvalidInputError(f"hull_vertices: is {hull_vertices}, must be at least 4 or None")
+    if isinstance(package_dirs, (str, os.PathLike)):
+        package_dirs = [package_dirs]
+    placement = Placement(_rotation(orientation), _position(position))
+    return Options(
+        prefix, placement, floating_base, tuple(package_dirs), material, motors, hull_vertices, repair_inertia
+    )
+
+
+def _position(position: Sequence[float]) -> npt.NDArray[np.float64]:
+    array = np.asarray(position, dtype=np.float64)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise InvalidInputError(f"position: is {position}, must be 3 finite numbers")
+    return array
+
+
+def _rotation(orientation: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    array = np.asarray(orientation, dtype=np.float64)
+    if array.shape == (4,) and abs(float(np.linalg.norm(array)) - 1.0) < 1e-6:
+        return from_quaternion(array / np.linalg.norm(array))
+    if array.shape == (3, 3) and np.allclose(array @ array.T, np.eye(3), atol=1e-6) and np.linalg.det(array) > 0.0:
+        return array
+    raise InvalidInputError("orientation: must be a unit quaternion (x, y, z, w) or a 3 x 3 rotation matrix")
+
+
+class _Source(Protocol):
+    """A file that was read."""
+
+    @property
+    def gravity(self) -> tuple[float, float, float] | None: ...
+
+    def add(self, builder: WorldBuilder, options: Options) -> Added: ...
+
+
+def _read(path: Path, format: Format | None) -> _Source:
+    format = format or file_format(path)
+    if format == "urdf":
+        from signorini.load import urdf
+
+        return urdf.read(path)
+    if format == "mjcf":
+        from signorini.load import mjcf
+
+        return mjcf.read(path)
+    raise InvalidInputError(f"format: is {format!r}, must be 'urdf', 'mjcf' or None")
+
+
+def _add(
+    builder: WorldBuilder, source: _Source, options: Options, self_collision: bool, srdf: PathLike | None
+) -> Added:
+    added = source.add(builder, options)
+    theirs, ours = source.gravity, getattr(builder, "gravity", None)
+    if theirs is not None and ours is not None and not np.allclose(theirs, ours):
+        builder.warn(f"{added.file.name}: gravity is {theirs} there, and {tuple(ours)} in this world")
+    if srdf is not None:
+        from signorini.load import srdf as reader
+
+        known = set(added.bodies)
+        for pair in reader.read(Path(srdf)).disabled:
+            body_a, body_b = (options.prefix + name for name in pair)
+            if body_a in known and body_b in known:
+                builder.exclude(body_a, body_b)
+    if not self_collision:
+        bodies = list(dict.fromkeys(added.body_of_geometry.values()))
+        for i, body in enumerate(bodies):
+            for other in bodies[:i]:
+                builder.exclude(other, body)
+    return added
+
+
+def _build(builder: WorldBuilder, path: Path) -> World:
+    try:
+        return builder.build()
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{path}: {error}") from None

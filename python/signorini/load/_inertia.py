@@ -1,0 +1,88 @@
+"""Masses and inertias: which a body can have, how they add up, how they are mended."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from signorini.load._placement import Placement
+
+Array = npt.NDArray[np.float64]
+
+#: Share by which principal moments may miss the triangle inequality: files are written with few digits.
+TOLERANCE = 1e-3
+_RADIUS = 1e-6  # [m]; moments below mass radius^2 are rounding
+
+
+class Inertia(NamedTuple):
+    """mass [kg], centre of mass [m], inertia about it, axes of the body [kg m^2]."""
+
+    mass: float
+    center: Array
+    inertia: Array
+
+    def placed(self, placement: Placement) -> Inertia:
+        """The same in the frame that `placement` leads to."""
+        rotation = placement.rotation
+        return Inertia(
+            self.mass,
+            rotation @ self.center + placement.position,
+            rotation @ self.inertia @ rotation.T,
+        )
+
+
+def nothing() -> Inertia:
+    return Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
+
+
+def fault(value: Inertia) -> str | None:
+    """Why no body can have this; None when one can. A point mass and a thin rod are bodies."""
+    moments = np.asarray(np.linalg.eigvalsh(value.inertia), dtype=np.float64)
+    largest = float(np.abs(moments).max())
+    if value.mass == 0.0:
+        return "the mass is 0 and the inertia is not" if largest > 0.0 else None
+    if largest < value.mass * _RADIUS**2:
+        return None
+    if moments[0] < -1e-9 * largest:
+        return f"the principal moments are {_list(moments)}, none may be negative"
+    if moments[0] + moments[1] < moments[2] * (1.0 - TOLERANCE):
+        return f"the principal moments are {_list(moments)}, each must be at most the sum of the other two"
+    return None
+
+
+def rounded(value: Inertia) -> Inertia:
+    """The same without principal moments that are negative by rounding."""
+    moments, axes = np.linalg.eigh(value.inertia)
+    if moments[0] >= 0.0:
+        return value
+    return Inertia(value.mass, value.center, axes @ np.diag(np.maximum(moments, 0.0)) @ axes.T)
+
+
+def added(parts: list[Inertia]) -> Inertia:
+    """The inertia of several bodies tied together, all in one frame."""
+    mass = sum(part.mass for part in parts)
+    if mass == 0.0:
+        return Inertia(0.0, np.zeros(3), np.sum([part.inertia for part in parts], axis=0))
+    center = np.sum([part.mass * part.center for part in parts], axis=0) / mass
+    inertia = np.zeros((3, 3))
+    for part in parts:
+        r = part.center - center
+        inertia += part.inertia + part.mass * (r @ r * np.eye(3) - np.outer(r, r))
+    return Inertia(mass, center, inertia)
+
+
+def mended(value: Inertia) -> Inertia:
+    """The nearest inertia in the sense that negative moments are set to 1e-3 of the largest, and the two smaller ones
+    raised by the same amount until the triangle inequality holds."""
+    if value.mass == 0.0:
+        return nothing()
+    moments, axes = np.linalg.eigh(value.inertia)
+    moments = np.maximum(moments, 1e-3 * moments[2])
+    moments[:2] += max(0.0, 0.5 * (moments[2] - moments[0] - moments[1]))
+    return Inertia(value.mass, value.center, axes @ np.diag(moments) @ axes.T)
+
+
+def _list(moments: Array) -> str:
+    return ", ".join(f"{moment:.6g}" for moment in moments)

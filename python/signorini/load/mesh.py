@@ -1,0 +1,474 @@
+"""Mesh files (STL, OBJ, PLY, Collada) -> points -> a convex hull with few vertices.
+
+Only positions are read: what collides is the hull. Readers are bounded in time and memory by the size of the file.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+import numpy.typing as npt
+
+from signorini._core import InvalidInputError
+from signorini.load import _xml
+
+Array = npt.NDArray[np.float64]
+Triangles = npt.NDArray[np.int32]
+
+MAX_BYTES = 512 * 2**20
+MAX_POINTS = 20_000_000
+#: A hull with more vertices than this is replaced by one of a subset of them (docs/robot_files.md: what that costs).
+HULL_VERTICES = 256
+#: A flat mesh gets this thickness [m].
+THICKNESS = 1e-3
+_FLAT = 1e-6  # of the largest extent
+_CHUNK = 4096  # points at a time, to bound memory
+#: Extents [m] beyond which a mesh is probably not in metres.
+LARGE, SMALL = 50.0, 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """vertices: (n, 3) [m]; triangles: (m, 3), winding outwards; volume_share: of the full hull, in (0, 1];
+    notes: what was done to it, for a person."""
+
+    vertices: Array
+    triangles: Triangles
+    volume_share: float = 1.0
+    notes: tuple[str, ...] = ()
+
+
+def read_points(path: Path) -> Array:
+    """The vertices of a mesh file, (n, 3), in the file's own unit (Collada: in metres).
+
+    Raises InvalidInputError naming the file and what is wrong with it.
+    """
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        _fail(path, f'has suffix "{path.suffix}"; meshes are read from {", ".join(_READERS)}')
+    try:
+        if not path.is_file():
+            _fail(path, "is no regular file")
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            _fail(path, f"has {size} bytes, at most {MAX_BYTES} are read")
+        points = reader(path)
+    except OSError as error:
+        _fail(path, f"cannot be read: {error.strerror}")
+    if not len(points):
+        _fail(path, "has no vertices")
+    if len(points) > MAX_POINTS:
+        _fail(path, f"has {len(points)} vertices, at most {MAX_POINTS} are read")
+    if not np.isfinite(points).all():
+        _fail(path, "has a vertex that is not finite")
+    if np.abs(points).max() > 1e9:
+        _fail(path, f"has a vertex at {np.abs(points).max():g}, must be within 1e9 of the origin")
+    return points
+
+
+def convex_hull(points: Array, max_vertices: int | None = HULL_VERTICES) -> Hull:
+    """The convex hull of points, (n, 3) [m], with at most max_vertices of them; None: all.
+
+    A hull with more vertices shrinks to that of the subset found by adding, again and again, the vertices that are
+    farthest outside. Flat points are given a thickness of 1 mm. Raises InvalidInputError for points on a line or fewer
+    than three.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    points = np.asarray(points, dtype=np.float64)
+    notes: list[str] = []
+    centre = points.mean(0)
+    # Extents along the principal axes; of a sample when there are very many points.
+    axes = np.linalg.svd(np.cov((points - centre).T), hermitian=True)[2] if len(points) > 1 else np.eye(3)
+    extents = np.ptp((points - centre) @ axes.T, axis=0)
+    if not extents[0] > 0.0:
+        raise InvalidInputError("all vertices are one point; a hull needs four that are in no plane")
+    if extents[1] <= _FLAT * extents[0]:
+        raise InvalidInputError("all vertices are on one line; a hull needs four that are in no plane")
+    if extents[2] <= _FLAT * extents[0]:
+        offset = 0.5 * THICKNESS * axes[2]
+        points = np.concatenate([points - offset, points + offset])
+        notes.append(f"is flat and was given a thickness of {1e3 * THICKNESS:g} mm")
+    if extents.max() > LARGE or extents.max() < SMALL:
+        notes.append(f"is {extents.max():.3g} m long; is it in metres? (from millimetres: scale 0.001)")
+    try:
+        full = ConvexHull(_outer(points))
+    except QhullError as error:
+        raise InvalidInputError(f"no convex hull: {str(error).splitlines()[0]}") from None
+    corners = full.points[full.vertices]
+    if max_vertices is None or len(corners) <= max_vertices:
+        return Hull(*_wound(corners, ConvexHull(corners)), 1.0, tuple(notes))
+    vertices = _reduced(corners, max_vertices)
+    hull = ConvexHull(vertices)
+    return Hull(*_wound(vertices, hull), float(hull.volume / full.volume), tuple(notes))
+
+
+def _outer(points: Array) -> Array:
+    """Of many points, those that may be corners of the hull: not inside the hull of a few extreme ones."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    if len(points) < 2000:
+        return points
+    try:
+        equations = ConvexHull(points[_extreme(points, _sphere(40))]).equations
+    except QhullError:
+        return points
+    outside = np.empty(len(points), dtype=bool)
+    for begin in range(0, len(points), _CHUNK):
+        part = slice(begin, begin + _CHUNK)
+        outside[part] = (_dots(equations[:, :3], points[part]) + equations[:, 3:]).max(axis=0) > -1e-9
+    return np.asarray(points[outside])
+
+
+def _reduced(corners: Array, max_vertices: int) -> Array:
+    """At most max_vertices of the corners of a hull: extreme ones, then in rounds those farthest outside."""
+    from scipy.spatial import ConvexHull
+
+    if len(corners) > 2000:
+        corners = corners[_extreme(corners, _sphere(1000))]
+    chosen = _extreme(corners, _sphere(min(20, max_vertices)))
+    while len(chosen) < max_vertices:
+        equations = ConvexHull(corners[chosen]).equations
+        outside = _dots(equations[:, :3], corners) + equations[:, 3:]
+        farthest = np.argmax(outside, axis=1)
+        distance = outside[np.arange(len(outside)), farthest]
+        order = np.argsort(-distance)
+        candidates = farthest[order][distance[order] > 1e-12]
+        new = np.array(list(dict.fromkeys(candidates.tolist())), dtype=np.int64)
+        new = new[~np.isin(new, chosen)][: max(1, (max_vertices - len(chosen) + 3) // 4)]
+        if not len(new):
+            break
+        chosen = np.concatenate([chosen, new])
+    return np.asarray(corners[np.sort(chosen)])
+
+
+def _extreme(points: Array, directions: Array) -> npt.NDArray[np.int64]:
+    """Indices of the points that are farthest along the directions, each once."""
+    best = np.full(len(directions), -math.inf)
+    index = np.zeros(len(directions), dtype=np.int64)
+    for begin in range(0, len(points), _CHUNK):
+        along = _dots(directions, points[begin : begin + _CHUNK])
+        first = along.argmax(axis=1)
+        value = along[np.arange(len(directions)), first]
+        better = value > best
+        index[better], best[better] = first[better] + begin, value[better]
+    return np.unique(index)
+
+
+def _dots(rows: Array, points: Array) -> Array:
+    """rows points^T, (n, m); without BLAS, whose threads cost more than they bring for three columns."""
+    result = rows[:, :1] * points[:, 0]
+    result += rows[:, 1:2] * points[:, 1]
+    result += rows[:, 2:] * points[:, 2]
+    return np.asarray(result)
+
+
+def _sphere(count: int) -> Array:
+    """Directions spread evenly: points of a spiral on the unit sphere."""
+    z = 1.0 - (2.0 * np.arange(count) + 1.0) / count
+    angle = math.pi * (3.0 - math.sqrt(5.0)) * np.arange(count)
+    radius = np.sqrt(1.0 - z * z)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+
+
+def _wound(points: Array, hull: object) -> tuple[Array, Triangles]:
+    """Vertices that are corners, and triangles that wind outwards."""
+    vertices, simplices, equations = hull.vertices, hull.simplices, hull.equations  # type: ignore[attr-defined]
+    number = np.full(len(points), -1, dtype=np.int32)
+    number[vertices] = np.arange(len(vertices), dtype=np.int32)
+    a, b, c = (points[simplices[:, i]] for i in range(3))
+    inwards = (np.cross(b - a, c - a) * equations[:, :3]).sum(1) < 0.0
+    triangles = number[simplices]
+    triangles[inwards] = triangles[inwards][:, ::-1]
+    return np.ascontiguousarray(points[vertices]), np.ascontiguousarray(triangles)
+
+
+def _fail(path: Path, reason: str) -> NoReturn:
+    raise InvalidInputError(f"{path}: {reason}")
+
+
+def _numbers(path: Path, words: list[bytes], what: str) -> Array:
+    try:
+        return np.array([float(word) for word in words])
+    except ValueError as error:
+        _fail(path, f"has {what} that is no number: {error}")
+
+
+# STL
+
+
+def _read_stl(path: Path) -> Array:
+    data = path.read_bytes()
+    count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
+    if count >= 0 and len(data) == 84 + 50 * count:
+        return _binary_stl(data, count)
+    if data[:512].lstrip()[:5].lower() == b"solid" and b"facet" in data[:4096]:
+        found = re.findall(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", data)
+        if data.count(b"vertex") != len(found):
+            _fail(path, "has a vertex without three numbers")
+        return _numbers(path, [word for vertex in found for word in vertex], "a vertex").reshape(-1, 3)
+    if count > 0 and len(data) > 84 + 50 * count:  # some writers append notes
+        return _binary_stl(data, count)
+    expected = f"; its header asks for {84 + 50 * count}" if count >= 0 else ""
+    _fail(path, f"is neither ascii nor binary STL, or cut off: it has {len(data)} bytes{expected}")
+
+
+def _binary_stl(data: bytes, count: int) -> Array:
+    record = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", (3, 3)), ("attribute", "<u2")])
+    triangles = np.frombuffer(data, record, count, 84)
+    return np.asarray(triangles["vertices"], dtype=np.float64).reshape(-1, 3)
+
+
+# OBJ
+
+
+def _read_obj(path: Path) -> Array:
+    points: list[bytes] = []
+    used: set[int] = set()
+    with path.open("rb") as file:
+        for number, line in enumerate(file, 1):
+            if line.startswith((b"v ", b"v\t")):
+                words = line.split()[1:4]
+                if len(words) < 3:
+                    _fail(path, f"line {number}: a vertex has {len(words)} coordinates, must have 3")
+                points += words
+            elif line.startswith((b"f ", b"f\t")):
+                for word in line.split()[1:]:
+                    try:
+                        index = int(word.split(b"/")[0])
+                    except ValueError:
+                        _fail(path, f"line {number}: a face has the index {word[:40]!r}, must be a whole number")
+                    used.add(index - 1 if index > 0 else len(points) // 3 + index)
+    vertices = _numbers(path, points, "a vertex").reshape(-1, 3)
+    if not used:
+        return vertices
+    indices = np.fromiter(used, dtype=np.int64)
+    if indices.min() < 0 or indices.max() >= len(vertices):
+        _fail(path, f"has a face with a vertex that is not there; there are {len(vertices)}")
+    return vertices[np.sort(indices)]
+
+
+# PLY
+
+_PLY_TYPES = {
+    **dict.fromkeys(("char", "int8"), "i1"),
+    **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "i2"),
+    **dict.fromkeys(("ushort", "uint16"), "u2"),
+    **dict.fromkeys(("int", "int32"), "i4"),
+    **dict.fromkeys(("uint", "uint32"), "u4"),
+    **dict.fromkeys(("float", "float32"), "f4"),
+    **dict.fromkeys(("double", "float64"), "f8"),
+}
+
+
+def _read_ply(path: Path) -> Array:
+    data = path.read_bytes()
+    header_end = re.search(rb"end_header[ \t]*\r?\n", data[:65536])
+    if not data.startswith(b"ply") or header_end is None:
+        _fail(path, "is no PLY file: its header is missing or has no end")
+    lines = data[: header_end.start()].decode("ascii", "replace").splitlines()
+    words = [line.split() for line in lines[1:] if line.split() and line.split()[0] not in ("comment", "obj_info")]
+    encoding = next((word[1] for word in words if word[0] == "format" and len(word) > 1), "")
+    elements = [i for i, word in enumerate(words) if word[0] == "element"]
+    if not elements or words[elements[0]][1:2] != ["vertex"] or not words[elements[0]][-1].isdigit():
+        _fail(path, "does not begin with its vertices")
+    last = elements[1] if len(elements) > 1 else len(words)
+    properties = [word[1:] for word in words[elements[0] + 1 : last] if word[0] == "property"]
+    if any(len(p) != 2 or p[0] not in _PLY_TYPES for p in properties):
+        _fail(path, "has a vertex property of a type that is not known")
+    names = [p[1] for p in properties]
+    if len(set(names)) != len(names) or not {"x", "y", "z"} <= set(names):
+        _fail(path, "has vertices without x, y and z, or with one twice")
+    count, begin = int(words[elements[0]][-1]), header_end.end()
+    if encoding == "ascii":
+        body = data[begin:].split(maxsplit=count * len(names))[: count * len(names)] if count < len(data) else []
+        if len(body) != count * len(names):
+            _fail(path, f"is cut off: {count} vertices are announced")
+        table = _numbers(path, body, "a vertex").reshape(count, len(names))
+        return np.ascontiguousarray(table[:, [names.index(axis) for axis in "xyz"]])
+    if encoding not in ("binary_little_endian", "binary_big_endian"):
+        _fail(path, f'has format "{encoding}", must be ascii, binary_little_endian or binary_big_endian')
+    order = "<" if encoding == "binary_little_endian" else ">"
+    record = np.dtype([(p[1], order + _PLY_TYPES[p[0]]) for p in properties])
+    if len(data) - begin < count * record.itemsize:
+        _fail(path, f"is cut off: {count} vertices are announced")
+    records = np.frombuffer(data, record, count, begin)
+    return np.stack([records[axis].astype(np.float64) for axis in "xyz"], axis=1)
+
+
+# Collada
+
+
+def _read_collada(path: Path) -> Array:
+    """Positions in metres, placed by the scene's nodes; the up axis is left as the file has it, as in ROS."""
+    return _Collada(_xml.parse(path)).points()
+
+
+class _Collada:
+    def __init__(self, root: _xml.Element) -> None:
+        if _tag(root) != "COLLADA":
+            root.fail("is no Collada file: its root must be <COLLADA>")
+        self._root = root
+        self._by_id: dict[str, _xml.Element] = {}
+        self._geometries: list[_xml.Element] = []
+        self._scenes: list[_xml.Element] = []
+        self._meter = 1.0
+        self._cache: dict[int, Array] = {}
+        self._num_points = self._num_nodes = 0
+        stack = [root]
+        while stack:
+            element = stack.pop()
+            if "id" in element.attributes:
+                self._by_id.setdefault(element.attributes["id"], element)
+            if _tag(element) == "geometry":
+                self._geometries.append(element)
+            elif _tag(element) == "visual_scene":
+                self._scenes.append(element)
+            elif _tag(element) == "asset" and element.parent is root:
+                for unit in _all(element, "unit"):
+                    self._meter = unit.number("meter", 1.0, 1e-9, 1e9)
+            stack.extend(element.children)
+
+    def points(self) -> Array:
+        if self._scenes:
+            found = [p for scene in self._scenes for p in self._node(scene, np.eye(4), 0)]
+        else:
+            found = [self._positions(geometry) for geometry in self._geometries]
+        return self._meter * (np.concatenate(found) if found else np.zeros((0, 3)))
+
+    def _node(self, node: _xml.Element, above: Array, depth: int) -> list[Array]:
+        self._num_nodes += 1
+        if depth > _xml.MAX_DEPTH or self._num_nodes > 100_000:
+            node.fail("its nodes contain each other, or are too many")
+        placement = above
+        found: list[Array] = []
+        for child in node:
+            tag = _tag(child)
+            if tag in _TRANSFORMS:
+                placement = placement @ _TRANSFORMS[tag](child)
+            elif tag == "instance_geometry":
+                found.append(self._placed(self._target(child, "url", "geometry"), placement))
+            elif tag == "instance_controller":
+                for skin in _all(self._target(child, "url", "controller"), "skin"):
+                    found.append(self._placed(self._target(skin, "source", "geometry"), placement))
+        for child in node:
+            if _tag(child) == "node":
+                found += self._node(child, placement, depth + 1)
+            elif _tag(child) == "instance_node":
+                found += self._node(self._target(child, "url", "node"), placement, depth + 1)
+        return found
+
+    def _placed(self, geometry: _xml.Element, placement: Array) -> Array:
+        points = self._positions(geometry)
+        self._num_points += len(points)
+        if self._num_points > MAX_POINTS:
+            geometry.fail(f"has more than {MAX_POINTS} vertices when all copies are counted")
+        return np.asarray(points @ placement[:3, :3].T + placement[:3, 3])
+
+    def _target(self, element: _xml.Element, attribute: str, tag: str) -> _xml.Element:
+        name = element.string(attribute)
+        target = self._by_id.get(name.removeprefix("#"))
+        if target is None or _tag(target) != tag:
+            element.fail(f'{attribute} is "{name}", there is no such {tag}')
+        return target
+
+    def _positions(self, geometry: _xml.Element) -> Array:
+        if id(geometry) not in self._cache:
+            self._cache[id(geometry)] = self._read_positions(geometry)
+        return self._cache[id(geometry)]
+
+    def _read_positions(self, geometry: _xml.Element) -> Array:
+        found = []
+        for mesh in _all(geometry, "mesh"):
+            for vertices in _all(mesh, "vertices"):
+                for entry in _all(vertices, "input"):
+                    if entry.attributes.get("semantic") == "POSITION":
+                        found.append(self._source(self._target(entry, "source", "source")))
+        return np.concatenate(found) if found else np.zeros((0, 3))
+
+    def _source(self, source: _xml.Element) -> Array:
+        arrays = _all(source, "float_array")
+        if len(arrays) != 1:
+            source.fail("must have one <float_array>")
+        try:
+            values = np.array(arrays[0].text.split(), dtype=np.float64)
+        except ValueError:
+            arrays[0].fail("holds something that is no number")
+        accessors = [a for technique in _all(source, "technique_common") for a in _all(technique, "accessor")]
+        stride = int(accessors[0].number("stride", 1.0, 1, 1000)) if accessors else 3
+        offset = int(accessors[0].number("offset", 0.0, 0, 1e9)) if accessors else 0
+        count = int(accessors[0].number("count", 0.0, 0, 1e9)) if accessors else len(values) // 3
+        if stride < 3 or offset + count * stride > len(values) + stride - 3:
+            source.fail(f"has {len(values)} numbers, too few for {count} positions {stride} apart")
+        rows = offset + stride * np.arange(count)[:, None] + np.arange(3)
+        return np.asarray(values[rows])
+
+
+def _tag(element: _xml.Element) -> str:
+    return element.tag.rpartition(":")[2]
+
+
+def _all(element: _xml.Element, tag: str) -> list[_xml.Element]:
+    return [child for child in element if _tag(child) == tag]
+
+
+def _values(element: _xml.Element, size: int) -> Array:
+    try:
+        values = np.array(element.text.split(), dtype=np.float64)
+    except ValueError:
+        values = np.zeros(0)
+    if len(values) != size or not np.isfinite(values).all():
+        element.fail(f"must hold {size} finite numbers")
+    return values
+
+
+def _translate(element: _xml.Element) -> Array:
+    matrix = np.eye(4)
+    matrix[:3, 3] = _values(element, 3)
+    return matrix
+
+
+def _rotate(element: _xml.Element) -> Array:
+    x, y, z, degrees = _values(element, 4)
+    length = math.sqrt(x * x + y * y + z * z)
+    matrix = np.eye(4)
+    if length > 0.0:
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) / length
+        angle = math.radians(degrees)
+        matrix[:3, :3] += math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
+    return matrix
+
+
+def _scale(element: _xml.Element) -> Array:
+    return np.diag([*_values(element, 3), 1.0])
+
+
+def _matrix(element: _xml.Element) -> Array:
+    return _values(element, 16).reshape(4, 4)
+
+
+def _not_read(element: _xml.Element) -> Array:
+    element.fail("this transform is not read")
+
+
+_TRANSFORMS: dict[str, Callable[[_xml.Element], Array]] = {
+    "translate": _translate,
+    "rotate": _rotate,
+    "scale": _scale,
+    "matrix": _matrix,
+    "lookat": _not_read,
+    "skew": _not_read,
+}
+_READERS: dict[str, Callable[[Path], Array]] = {
+    ".stl": _read_stl,
+    ".obj": _read_obj,
+    ".ply": _read_ply,
+    ".dae": _read_collada,
+}

@@ -1,0 +1,314 @@
+"""Worlds to simulate, measure and compare with: blocks, heaps and robots, each with where it starts.
+
+scene = signorini.scenes.worlds()["cube-stack"]
+world, q, v = scene(mass_ratio=1.0)
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import sysconfig
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from signorini._core import InvalidInputError
+
+if TYPE_CHECKING:
+    from signorini._world import Material, Shape, World, WorldBuilder
+
+Array = npt.NDArray[np.float64]
+PAPER = "Carpentier, Le Lidec, Montaut 2024"
+_GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
+
+
+class Start(NamedTuple):
+    """A world, its configuration q (nq,) and its velocity v (nv,) at the start."""
+
+    world: World
+    q: Array
+    v: Array
+
+
+@dataclass(frozen=True)
+class WorldScene:
+    """A world by name. duration: of a run that shows what it is for [s]; source: where it is from. Called with options
+    of `make`, it returns a Start."""
+
+    name: str
+    description: str
+    duration: float
+    source: str
+    make: Callable[..., Start]
+
+    def __call__(self, **options: Any) -> Start:
+        return self.make(**options)
+
+
+def worlds() -> dict[str, WorldScene]:
+    """All world scenes by name."""
+    return {scene.name: scene for scene in _SCENES}
+
+
+def cube_stack(
+    num_cubes: int = 15,
+    mass_ratio: float = 1e4,
+    *,
+    misalignment: float = 0.0,
+    slip: float = 0.0,
+    edge: float = 0.2,
+    friction: float = 0.8,
+) -> Start:
+    """Cubes lying exactly on each other, 1 kg at the bottom, mass_ratio kg at the top, geometric between.
+
+    misalignment: horizontal offset of each cube from the one below, in directions that turn [m]. slip: velocity across
+    the top interface along x [m/s]; it falls linearly to a fifth of it on the ground. edge [m]. friction: of all.
+
+    Raises InvalidInputError naming the option and what is allowed.
+    """
+    _check(num_cubes=(num_cubes, 1, 10_000), mass_ratio=(mass_ratio, 1e-12, 1e12), edge=(edge, 1e-4, 1e3))
+    _check(misalignment=(misalignment, 0.0, 0.49 * edge), slip=(slip, -1e3, 1e3), friction=(friction, 0.0, 1e3))
+    material = _material(friction)
+    builder = _builder()
+    builder.add_ground(material)
+    masses = np.geomspace(1.0, mass_ratio, num_cubes) if num_cubes > 1 else np.ones(1)
+    angles = _GOLDEN * np.arange(num_cubes)
+    offsets = misalignment * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    centres = np.cumsum(offsets, axis=0) - offsets[0]
+    speeds = np.cumsum(np.linspace(0.2 * slip, slip, num_cubes) if num_cubes > 1 else [slip])
+    for i in range(num_cubes):
+        inertia = masses[i] * edge**2 / 6.0 * np.eye(3)
+        position = (centres[i, 0], centres[i, 1], edge * (i + 0.5))
+        _add_free(builder, f"cube-{i}", _box(edge, edge, edge), masses[i], inertia, position, material)
+    world = builder.build()
+    v = np.zeros(world.num_v)
+    for i in range(num_cubes):
+        v[world.v_slice(f"cube-{i}")][0] = speeds[i]
+    return Start(world, world.initial_q, v)
+
+
+def spheres(
+    size: int = 100, seed: int = 0, *, radius: float = 0.05, density: float = 1000.0, friction: float = 0.5
+) -> Start:
+    """Spheres poured into a bin: loose layers between four walls that fall to a heap about as high as it is wide.
+
+    size: number of spheres, 1 to 100 000. seed: of radii (within 20 % of `radius` [m]), places and velocities.
+    density [kg/m^3].
+    """
+    random = _granular(size, seed, radius, density, friction)
+    radii = radius * random.uniform(0.8, 1.2, size)
+    builder, material, places, v = _bin(size, 1.25 * radius, friction, random)
+    for i in range(size):
+        mass = density * 4.0 / 3.0 * math.pi * radii[i] ** 3
+        inertia = 0.4 * mass * radii[i] ** 2 * np.eye(3)
+        _add_free(builder, f"sphere-{i}", _sphere(radii[i]), mass, inertia, places[i], material)
+    return _at_rest_but(builder.build(), v)
+
+
+def boxes(
+    size: int = 100, seed: int = 0, *, edge: float = 0.1, density: float = 1000.0, friction: float = 0.5
+) -> Start:
+    """Boxes tipped into a bin: as `spheres`, with edges between 0.6 and 1.4 of `edge` [m] and random orientations."""
+    random = _granular(size, seed, edge, density, friction)
+    edges = edge * random.uniform(0.6, 1.4, (size, 3))
+    builder, material, places, v = _bin(size, 0.5 * math.sqrt(3.0) * 1.42 * edge, friction, random)
+    orientations = random.standard_normal((size, 4))
+    orientations /= np.linalg.norm(orientations, axis=1, keepdims=True)
+    for i in range(size):
+        mass = density * float(np.prod(edges[i]))
+        inertia = mass / 12.0 * np.diag((edges[i] ** 2).sum() - edges[i] ** 2)
+        _add_free(builder, f"box-{i}", _box(*edges[i]), mass, inertia, places[i], material, orientations[i])
+    return _at_rest_but(builder.build(), v)
+
+
+def humanoid(height: float | None = None) -> Start:
+    """MuJoCo's humanoid of capsules as gymnasium has it, dropped from the height [m] of its file, unactuated."""
+    from signorini.load import load
+
+    world = load(gymnasium_file("humanoid.xml"))
+    q = world.initial_q
+    if height is not None:
+        _check(height=(height, -1e3, 1e3))
+        q[world.q_slice("root")][2] = height
+    return Start(world, q, np.zeros(world.num_v))
+
+
+def talos_fall(height: float = 0.02, *, self_collision: bool = True, friction: float = 0.8) -> Start:
+    """The humanoid Talos in half-sitting pose, its soles `height` above the ground [m], unactuated: it falls."""
+    from signorini.load import load, srdf
+
+    _check(height=(height, 0.0, 1e3), friction=(friction, 0.0, 1e3))
+    folder = robots_folder() / "talos_data"
+    state = srdf.read(folder / "srdf" / "talos.srdf").states["half_sitting"]
+    material = _material(friction)
+
+    def pose(world: World) -> Array:
+        q = srdf.configuration(world, state)
+        q[world.q_slice("root_joint")][2] += height
+        return q
+
+    world = load(
+        folder / "robots" / "talos_reduced.urdf",
+        floating_base=True,
+        ground=True,
+        material=material,
+        ground_material=material,
+        self_collision=self_collision,
+        exclude_overlapping=pose,
+    )
+    return Start(world, pose(world), np.zeros(world.num_v))
+
+
+def ur5(q: npt.ArrayLike = (0.0, -0.3, 0.4, 0.0, 0.5, 0.0), *, ground: bool = False) -> Start:
+    """The arm UR5, fixed, convex hulls of its meshes, self-collision on, unactuated: it swings. q: (6,) [rad]."""
+    from signorini.load import load
+
+    start = np.array(q, dtype=np.float64)
+    if start.shape != (6,) or not np.isfinite(start).all():
+        raise InvalidInputError(f"q: is {q!r}, must be 6 finite numbers")
+    world = load(robots_folder() / "ur_description" / "urdf" / "ur5_robot.urdf", ground=ground)
+    return Start(world, start, np.zeros(world.num_v))
+
+
+def robots_folder() -> Path:
+    """Where the package example-robot-data keeps its robots. Raises FileNotFoundError naming the extra to install."""
+    candidates = [
+        Path(sysconfig.get_path(key)) / "cmeel.prefix" / "share" / "example-robot-data" / "robots"
+        for key in ("purelib", "platlib")
+    ]
+    spec = importlib.util.find_spec("pinocchio")  # where else such wheels may be
+    if spec is not None and spec.origin is not None:
+        candidates += [p / "share" / "example-robot-data" / "robots" for p in Path(spec.origin).parents]
+    for folder in candidates:
+        if folder.is_dir():
+            return folder
+    raise FileNotFoundError("robot files of the package example-robot-data: pip install 'signorini[robots]'")
+
+
+def gymnasium_file(name: str) -> Path:
+    """A file of gymnasium's MuJoCo environments, without importing gymnasium."""
+    spec = importlib.util.find_spec("gymnasium")
+    if spec is not None and spec.origin is not None:
+        path = Path(spec.origin).parent / "envs" / "mujoco" / "assets" / name
+        if path.is_file():
+            return path
+    raise FileNotFoundError(f"{name} of the package gymnasium: pip install 'signorini[robots]'")
+
+
+# Pieces
+
+
+def _check(**options: tuple[float, float, float]) -> None:
+    for name, (value, lower, upper) in options.items():
+        if not lower <= value <= upper:
+            raise InvalidInputError(f"{name}: is {value}, must be in [{lower:g}, {upper:g}]")
+
+
+def _material(friction: float) -> Material:
+    from signorini._world import Material
+
+    return Material(friction=friction)
+
+
+def _box(x: float, y: float, z: float) -> Shape:
+    from signorini._world import Box
+
+    return Box((0.5 * x, 0.5 * y, 0.5 * z))
+
+
+def _sphere(radius: float) -> Shape:
+    from signorini._world import Sphere
+
+    return Sphere(radius)
+
+
+def _builder() -> WorldBuilder:
+    from signorini._world import WorldBuilder
+
+    return WorldBuilder()
+
+
+def _add_free(
+    builder: WorldBuilder,
+    name: str,
+    shape: Shape,
+    mass: float,
+    inertia: Array,
+    position: npt.ArrayLike,
+    material: Material,
+    orientation: npt.ArrayLike = (0.0, 0.0, 0.0, 1.0),
+) -> None:
+    """A body with a free joint and one geometry, all called the same."""
+    from signorini._world import Joint
+
+    joints = [Joint(name, "free")]
+    builder.add_body(name, position=position, orientation=orientation, joints=joints, mass=mass, inertia=inertia)
+    builder.add_geometry(name, shape, material=material, name=name)
+
+
+def _granular(size: int, seed: int, length: float, density: float, friction: float) -> np.random.Generator:
+    _check(size=(size, 1, 100_000), length=(length, 1e-4, 1e2), density=(density, 1e-3, 1e6))
+    _check(friction=(friction, 0.0, 1e3), seed=(seed, 0, 2**63))
+    return np.random.default_rng(seed)
+
+
+def _bin(
+    size: int, radius: float, friction: float, random: np.random.Generator
+) -> tuple[WorldBuilder, Material, Array, Array]:
+    """Ground and four walls; places (size, 3) where balls of this radius are apart from each other and from the walls;
+    slow velocities (size, 3)."""
+    from signorini._world import HalfSpace
+
+    spacing = 2.1 * radius
+    per_side = max(1, round(size ** (1.0 / 3.0)))
+    half_width = 0.5 * spacing * per_side
+    index = np.arange(size)
+    layer, rest = np.divmod(index, per_side**2)
+    row, column = np.divmod(rest, per_side)
+    places = spacing * np.stack([column + 0.5, row + 0.5, layer + 0.5], axis=1).astype(np.float64)
+    places[:, :2] -= half_width
+    places += 0.04 * radius * random.uniform(-1.0, 1.0, (size, 3))
+    material = _material(friction)
+    builder = _builder()
+    builder.add_ground(material)
+    s = math.sqrt(0.5)
+    for name, position, orientation in (  # the normal points into the bin
+        ("wall-west", (-half_width, 0.0, 0.0), (0.0, s, 0.0, s)),
+        ("wall-east", (half_width, 0.0, 0.0), (0.0, -s, 0.0, s)),
+        ("wall-south", (0.0, -half_width, 0.0), (-s, 0.0, 0.0, s)),
+        ("wall-north", (0.0, half_width, 0.0), (s, 0.0, 0.0, s)),
+    ):
+        builder.add_geometry(
+            "world", HalfSpace(), position=position, orientation=orientation, material=material, name=name
+        )
+    return builder, material, places, 0.1 * random.standard_normal((size, 3))
+
+
+def _at_rest_but(world: World, linear: Array) -> Start:
+    """With these linear velocities (n, 3) of the free bodies, in their own axes."""
+    v = np.zeros((len(linear), 6))
+    v[:, :3] = linear
+    return Start(world, world.initial_q, v.ravel())
+
+
+_SCENES = (
+    WorldScene(
+        "cube-stack",
+        "15 cubes on each other, 1 kg at the bottom, 10 t on top",
+        10.0,
+        f"{PAPER}, Fig. 1",
+        cube_stack,
+    ),
+    WorldScene("humanoid", "capsule humanoid, dropped", 2.0, f"{PAPER}, Fig. 6; robot of gymnasium", humanoid),
+    WorldScene(
+        "talos-fall", "humanoid Talos falls unactuated", 2.0, f"{PAPER}, Fig. 4-6; example-robot-data", talos_fall
+    ),
+    WorldScene("ur5", "arm swings unactuated, self-collision on", 2.0, f"{PAPER}, Fig. 6; example-robot-data", ur5),
+    WorldScene("spheres", "spheres poured into a bin", 2.0, "built in", spheres),
+    WorldScene("boxes", "boxes tipped into a bin", 2.0, "built in", boxes),
+)

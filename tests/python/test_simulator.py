@@ -1,0 +1,301 @@
+"""The simulator's interface: state, contacts, save and restore, rollouts, bad input. Physics: test_physics.py."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+from test_physics import add_box, add_sphere, pendulum
+
+import signorini
+from signorini import InvalidInputError, Joint, Simulator, SimulatorSettings, WorldBuilder, fclib, rollout, scenes
+
+
+@pytest.fixture(scope="module")
+def tumble():
+    """Six boxes and a chain that fall on each other: impacts, slip, joints."""
+    builder = WorldBuilder()
+    builder.add_ground()
+    for i in range(6):
+        add_box(
+            builder, f"box{i}", 1.0 + i, (0.1, 0.12, 0.08), (0.05 * i, 0.02 * i, 0.2 + 0.25 * i), None, (0.1, i, 0, 5)
+        )
+    add_sphere(builder, "ball", 2.0, 0.1, (0.0, 0.3, 0.5), None)
+    builder.add_body(
+        "arm",
+        joints=[Joint("hinge", "revolute", axis=(0, 1, 0), lower=-1.0, upper=1.0, friction=0.1, damping=0.01)],
+        position=(0.5, 0.0, 0.6),
+        mass=1.0,
+        center=(-0.3, 0.0, 0.0),
+        inertia=0.01 * np.eye(3),
+    )
+    builder.add_geometry("arm", signorini.Capsule(0.05, 0.2), position=(-0.3, 0, 0), orientation=(0, 0.7071, 0, 0.7071))
+    builder.add_motor("motor", "hinge", gear=2.0, control_range=(-1.0, 1.0))
+    return builder.build()
+
+
+def test_state_control_and_forces_are_views(tumble):
+    simulator = Simulator(tumble)
+    simulator.state.q[tumble.q_slice("hinge")] = 0.2
+    assert simulator.state.q[tumble.q_slice("hinge")] == 0.2
+    simulator.control[0] = 0.5
+    simulator.applied_force[tumble.v_slice("hinge")] = 0.1
+    before = simulator.state.v.copy()
+    simulator.step()
+    assert simulator.state.time == pytest.approx(1e-3)
+    assert (simulator.state.v != before).any()
+    with pytest.raises(InvalidInputError, match=r"q: has shape \(2,\)"):
+        simulator.state.q = [0.0, 1.0]
+
+
+def test_same_input_same_bits(tumble):
+    hashes = set()
+    for _ in range(2):
+        simulator = Simulator(tumble)
+        simulator.run(400)
+        hashes.add(simulator.state_hash)
+    simulator.reset()
+    simulator.run(400)
+    assert hashes == {simulator.state_hash}
+
+
+def test_every_step_is_solved(tumble):
+    simulator = Simulator(tumble)
+    trace = simulator.run(1500)
+    assert trace.solved.all()
+    assert trace.relative.max() <= simulator.settings.tolerance
+    assert trace.num_contacts.max() >= 8
+
+
+@pytest.mark.parametrize("at", [1, 150, 333])
+def test_a_restored_run_goes_on_bit_for_bit(tumble, at):
+    simulator = Simulator(tumble)
+    simulator.control[0] = 0.7
+    simulator.run(at)
+    saved = simulator.save()
+    simulator.run(300)
+    other = Simulator(tumble)
+    other.restore(saved)
+    assert other.state.time == pytest.approx(at * 1e-3)
+    other.run(300)
+    assert other.state_hash == simulator.state_hash
+    assert other.report.steps == simulator.report.steps
+
+
+@pytest.mark.parametrize("damage", [lambda b: b"", lambda b: b[:-1], lambda b: b + b"x", lambda b: b"y" * len(b)])
+def test_damaged_states_are_refused(tumble, damage):
+    simulator = Simulator(tumble)
+    simulator.run(100)
+    before = simulator.state_hash
+    with pytest.raises(InvalidInputError, match="bytes"):
+        simulator.restore(damage(simulator.save()))
+    assert simulator.state_hash == before
+    with pytest.raises(InvalidInputError, match="another time step"):
+        Simulator(tumble, time_step=2e-3).restore(simulator.save())
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_rollout_is_bit_equal_to_stepping_one_by_one(tumble, threads):
+    rng = np.random.default_rng(0)
+    steps, num = 120, 4
+    start = np.hstack([np.tile(tumble.initial_q, (num, 1)), 0.3 * rng.normal(size=(num, tumble.num_v))])
+    controls = rng.uniform(-1, 1, size=(num, steps, 1))
+    result = rollout(tumble, start, controls, threads=threads)
+    for i in range(num):
+        simulator = Simulator(tumble)
+        simulator.state.q, simulator.state.v = start[i, : tumble.num_q], start[i, tumble.num_q :]
+        states = simulator.run(steps, controls[i], keep_states=True).states
+        assert (states == result.states[i]).all()
+        assert result.unsolved[i] == simulator.report.unsolved
+
+
+def test_a_rollout_that_explodes_does_not_stop_the_others(tumble):
+    start = np.hstack([np.tile(tumble.initial_q, (2, 1)), np.zeros((2, tumble.num_v))])
+    start[0, tumble.num_q] = math.nan
+    result = rollout(tumble, start, num_steps=3)
+    assert np.isnan(result.states[0]).all()
+    assert result.unsolved[0] == 3
+    assert np.isfinite(result.states[1]).all()
+
+
+def test_contacts_say_who_where_and_how_strong():
+    builder = WorldBuilder()
+    builder.add_ground()
+    add_box(builder, "box", 2.0, (0.1, 0.1, 0.1), (0.0, 0.0, 0.1), None)
+    simulator = Simulator(builder.build())
+    simulator.run(10)
+    contacts = simulator.contacts
+    assert len(contacts) == 4
+    assert {(c.body_a, c.body_b, c.geometry_a, c.geometry_b) for c in contacts} == {("world", "box", "ground", "box")}
+    total = sum(c.force for c in contacts)
+    assert total == pytest.approx([0.0, 0.0, 2.0 * 9.81], abs=1e-8)
+    assert simulator.contact_force("world", "box") == pytest.approx(total)
+    assert simulator.contact_force("box", "world") == pytest.approx(-total)
+    ids = {c.id for c in contacts}
+    for c in contacts:
+        assert c.normal == pytest.approx([0.0, 0.0, 1.0])
+        assert c.frame @ c.force_local == pytest.approx(c.force)
+        assert abs(c.position[2]) < 1e-9
+    simulator.run(100)
+    assert {c.id for c in simulator.contacts} == ids
+
+
+def test_contact_problem_is_what_was_solved(tumble, tmp_path):
+    simulator = Simulator(tumble)
+    simulator.run(300)
+    problem = simulator.contact_problem()
+    assert problem.size >= 3 * simulator.report.num_contacts
+    again = signorini.solve(problem, tolerance=1e-8)
+    assert again.solved
+    builder = WorldBuilder()
+    builder.add_ground()
+    add_box(builder, "box", 2.0, (0.1, 0.1, 0.1), (0.0, 0.0, 0.1), None)
+    contacts_only = Simulator(builder.build())
+    contacts_only.step()
+    fclib.write(tmp_path / "step.hdf5", contacts_only.contact_problem())
+    assert fclib.read(tmp_path / "step.hdf5").num_contacts == 4
+
+
+def test_on_unsolved():
+    def simulator(on_unsolved):
+        start = scenes.worlds()["cube-stack"](mass_ratio=1e4, slip=0.5, num_cubes=10)
+        s = Simulator(start.world, solver="pgs", max_iterations=1, tolerance=1e-12, on_unsolved=on_unsolved)
+        s.state.v = start.v
+        return s
+
+    quiet = simulator("continue")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        quiet.step(2)
+    assert quiet.report.unsolved == 2
+    assert quiet.report.status == "max iterations"
+    with pytest.warns(signorini.UnsolvedStepWarning, match="relative residual"):
+        simulator("warn").step()
+    with pytest.raises(signorini.UnsolvedStepError, match="contact problem not solved at time 0.001 s"):
+        simulator("raise").step()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"time_step": 0.0}, "time_step: is 0"),
+        ({"time_step": math.nan}, "time_step"),
+        ({"time_step": "1"}, "time_step: is '1'"),
+        ({"tolerance": 2.0}, "tolerance"),
+        ({"law": "lcp"}, "law: is 'lcp'"),
+        ({"solver": "magic"}, "solver: is 'magic'"),
+        ({"baumgarte": 1.5}, "baumgarte: is 1.5"),
+        ({"contact_margin": -0.1}, "contact_margin"),
+        ({"max_iterations": 0}, "max_iterations: is 0"),
+        ({"on_unsolved": "ignore"}, "on_unsolved"),
+        ({"timestep": 1e-3}, "timestep"),
+    ],
+)
+def test_bad_settings(tumble, changes, message):
+    with pytest.raises(InvalidInputError, match=message):
+        Simulator(tumble, **changes)
+
+
+@pytest.mark.parametrize("field", ["q", "v", "control", "applied_force"])
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e300])
+def test_what_is_not_finite_is_refused_and_the_state_stays(tumble, field, value):
+    simulator = Simulator(tumble)
+    simulator.run(5)
+    target = {
+        "q": simulator.state.q,
+        "v": simulator.state.v,
+        "control": simulator.control,
+        "applied_force": simulator.applied_force,
+    }[field]
+    target[0] = value
+    before = simulator.state.q.copy(), simulator.state.v.copy()
+    with pytest.raises(InvalidInputError, match=rf"{field}\[0\]: is"):
+        simulator.step()
+    assert np.array_equal(simulator.state.q, before[0], equal_nan=True)
+    assert np.array_equal(simulator.state.v, before[1], equal_nan=True)
+
+
+def test_huge_velocities_stay_finite_or_are_reported(tumble):
+    simulator = Simulator(tumble)
+    simulator.state.v[:] = 1e4
+    try:
+        simulator.run(20)
+    except InvalidInputError as error:
+        assert "v" in str(error)
+    assert np.isfinite(simulator.state.q).all()
+    assert np.isfinite(simulator.state.v).all()
+
+
+@pytest.mark.parametrize(
+    ("act", "message"),
+    [
+        (lambda b: b.add_body("a", mass=-1.0), "body 'a'.mass: is -1"),
+        (lambda b: b.add_body("a", mass=math.nan), "body 'a'.mass: is nan"),
+        (lambda b: b.add_body("a", parent="b"), "there is no 'b'"),
+        (lambda b: b.add_body("world"), "body 'world'"),
+        (lambda b: b.add_body("a", mass=1.0, inertia=-np.eye(3)), "body 'a'.inertia"),
+        (lambda b: b.add_body("a", mass=1.0, inertia=np.eye(2)), r"body 'a'.inertia: has shape \(2, 2\)"),
+        (lambda b: b.add_body("a", orientation=(0, 0, 0, 0)), "quaternion of length 0"),
+        (lambda b: b.add_body("a", joints=[Joint("j", "screw")]), "joint 'j'.type: is 'screw'"),
+        (lambda b: b.add_body("a", joints=[Joint("j", axis=(0, 0, 0))]), "joint 'j'.axis"),
+        (lambda b: b.add_body("a", joints=[Joint("j", lower=1.0, upper=0.0)]), "joint 'j'.upper"),
+        (lambda b: b.add_geometry("nobody", signorini.Sphere(1.0)), "there is no 'nobody'"),
+        (lambda b: b.add_geometry("world", signorini.Sphere(-1.0)), r"size\[0\]: is -1"),
+        (lambda b: b.add_geometry("world", "sphere"), "shape: is 'sphere'"),
+        (lambda b: b.add_geometry("world", signorini.Box((1, 1))), "half_extents"),
+        (lambda b: b.add_ground(signorini.Material(friction=-0.1)), "friction: is -0.1"),
+        (lambda b: b.add_ground(signorini.Material(restitution=1.1)), "restitution"),
+        (lambda b: b.add_ground(signorini.Material(stiffness=0.0)), "stiffness"),
+        (lambda b: b.add_motor("m", "nothing"), "there is no 'nothing'"),
+        (lambda b: b.exclude("world", "wrld"), "did you mean 'world'"),
+        (lambda b: b.add_weld("world", "world"), "body_b"),
+    ],
+)
+def test_bad_worlds(act, message):
+    with pytest.raises(InvalidInputError, match=message):
+        act(WorldBuilder())
+
+
+def test_what_moves_needs_mass():
+    builder = WorldBuilder()
+    builder.add_body("ghost", joints=[Joint("hinge")])
+    with pytest.raises(InvalidInputError, match="body 'ghost'.mass: is 0"):
+        builder.build()
+    builder = WorldBuilder()
+    builder.add_body("point", joints=[Joint("hinge")], mass=1.0)  # on its own axis
+    with pytest.raises(InvalidInputError, match="joint 'hinge': inertia"):
+        Simulator(builder.build())
+
+
+def test_dangling_names_get_suggestions(tumble):
+    with pytest.raises(InvalidInputError, match="joint: there is no 'hnge'; did you mean 'hinge'"):
+        tumble.joint("hnge")
+
+
+def test_a_world_crosses_to_pinocchio():
+    pin = pytest.importorskip("pinocchio")
+    world = pendulum(3).build()
+    model = pin.Model()
+    model.loadFromString(world.pinocchio_model())
+    data = model.createData()
+    rng = np.random.default_rng(2)
+    simulator = Simulator(world)
+    simulator.state.q[:], simulator.state.v[:] = rng.normal(size=3), rng.normal(size=3)
+    q, v = simulator.state.q.copy(), simulator.state.v.copy()
+    mass = pin.crba(model, data, q)
+    mass = np.triu(mass) + np.triu(mass, 1).T
+    assert simulator.mass_matrix == pytest.approx(mass)
+    acceleration = pin.aba(model, data, q, v, np.zeros(3))
+    simulator.step()
+    assert simulator.state.v == pytest.approx(v + 1e-3 * acceleration, rel=1e-9)
+    builder = WorldBuilder()
+    builder.add_pinocchio(world.pinocchio_model())
+    other = Simulator(builder.build())
+    other.state.q[:], other.state.v[:] = q, v
+    other.step()
+    assert other.state.v == pytest.approx(simulator.state.v, rel=1e-12)
+
+
+def test_settings_are_plain_data(tumble):
+    settings = SimulatorSettings(time_step=2e-3)
+    assert Simulator(tumble, settings, tolerance=1e-8).settings == SimulatorSettings(time_step=2e-3, tolerance=1e-8)

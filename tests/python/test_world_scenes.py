@@ -1,0 +1,93 @@
+"""Worlds that come ready made: the same ones for the same seed, and what they say they are."""
+
+import numpy as np
+import pytest
+
+import signorini
+from signorini import InvalidInputError
+from signorini.scenes import worlds
+
+BUILT_IN = ("cube-stack", "spheres", "boxes")
+ROBOTS = ("humanoid", "talos-fall", "ur5")
+
+
+def started(name, **options):
+    try:
+        return worlds()[name](**options)
+    except FileNotFoundError as error:
+        pytest.skip(str(error))
+
+
+def test_registry():
+    assert set(worlds()) == {*BUILT_IN, *ROBOTS}
+    for name, scene in worlds().items():
+        assert scene.name == name
+        assert scene.description
+        assert scene.source
+        assert scene.duration > 0
+
+
+@pytest.mark.parametrize("name", [*BUILT_IN, *ROBOTS])
+def test_a_scene_starts_within_its_limits_and_apart(name):
+    world, q, v = started(name)
+    assert q.shape == (world.num_q,)
+    assert v.shape == (world.num_v,)
+    assert np.isfinite(q).all()
+    for joint in world.joints:
+        if joint.num_q == 1:
+            assert joint.lower <= q[joint.q_index] <= joint.upper
+    for a, b, distance in world.touching_pairs(q, 0.0):
+        assert distance > -1e-9, (world.geometry_names[a], world.geometry_names[b])
+
+
+def test_cube_stack():
+    world, q, v = started("cube-stack", slip=0.3)
+    masses = [body.mass for body in world.bodies[1:]]
+    np.testing.assert_allclose(masses, np.geomspace(1.0, 1e4, 15))
+    np.testing.assert_allclose(q.reshape(15, 7)[:, 2], 0.2 * (np.arange(15) + 0.5))
+    np.testing.assert_allclose(np.diff(v.reshape(15, 6)[:, 0])[-1], 0.3)
+    pairs = world.touching_pairs(q, 1e-6)
+    assert len(pairs) == 15
+    np.testing.assert_allclose([distance for _, _, distance in pairs], 0.0, atol=1e-12)
+    offsets = np.diff(started("cube-stack", misalignment=0.005).q.reshape(15, 7)[:, :2], axis=0)
+    np.testing.assert_allclose(np.linalg.norm(offsets, axis=1), 0.005)
+
+
+@pytest.mark.parametrize("name", ["spheres", "boxes"])
+def test_granular_scenes_follow_seed_and_size(name):
+    a, b, c = started(name, size=40), started(name, size=40), started(name, size=40, seed=1)
+    np.testing.assert_array_equal(a.q, b.q)
+    assert (a.q != c.q).any()
+    assert len(a.world.bodies) == 41
+    assert started(name, size=1).world.num_v == 6
+
+
+def test_options_are_checked():
+    for name, options in (
+        ("cube-stack", {"num_cubes": 0}),
+        ("cube-stack", {"mass_ratio": float("nan")}),
+        ("cube-stack", {"misalignment": 1.0}),
+        ("spheres", {"size": 0}),
+        ("boxes", {"friction": -1.0}),
+        ("ur5", {"q": [0.0]}),
+    ):
+        with pytest.raises(InvalidInputError, match=next(iter(options))):
+            worlds()[name](**options)
+
+
+def test_talos_stands_above_the_ground_without_overlaps():
+    world, q, _ = started("talos-fall", height=0.02)
+    assert world.num_v == 38
+    assert any("velocity limits" in warning for warning in world.warnings)
+    ground = world.geometry_index("ground")
+    distances = [d for a, b, d in world.touching_pairs(q, 0.1) if ground in (a, b)]
+    assert 0.005 < min(distances) < 0.04
+
+
+def test_missing_packages_are_named(monkeypatch, tmp_path):
+    monkeypatch.setattr("sysconfig.get_path", lambda key: str(tmp_path))
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(FileNotFoundError, match=r"signorini\[robots\]"):
+        signorini.scenes.robots_folder()
+    with pytest.raises(FileNotFoundError, match=r"signorini\[robots\]"):
+        worlds()["humanoid"]()
