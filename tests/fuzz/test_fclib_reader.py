@@ -20,7 +20,7 @@ import signorini
 from signorini import fclib
 
 LIMIT_BYTES = 2 << 30
-LIMIT_SECONDS = 20
+LIMIT_SECONDS = 120
 
 
 def seeds(folder):
