@@ -12,7 +12,7 @@
 namespace signorini {
 namespace {
 
-constexpr double kAim = 1e-4;  // of the tolerance: what Newton aims at from a guess, if the settings do not say
+constexpr double kAim = 1e-4;   // of the tolerance: what Newton aims at from a guess, if the settings do not say
 constexpr int kWarmNewton = 8;  // iterations granted to Newton from a guess
 constexpr int kWarmPatience = 8, kWarmSteps = 15;
 constexpr double kFirstFinish = 1e-6;  // certificate at which Newton first tries to finish
