@@ -21,6 +21,11 @@ void ExplicitSystem::take_sizes(const ConstraintSets& sets) {
     offsets_.push_back(static_cast<int>(set.offset));
   }
   size_ = sets.size();
+  active_.reserve(sizes_.size());  // what factor_reduced needs at most
+  reduced_sizes_.reserve(sizes_.size());
+  columns_.reserve(static_cast<std::size_t>(2 * size_));
+  x_.reserve(static_cast<std::size_t>(size_));
+  pivots_.reserve(static_cast<std::size_t>(size_));
 }
 
 bool ExplicitSystem::same_pattern(const SparseMatrix& matrix, const ConstraintSets& sets) const {
@@ -152,6 +157,7 @@ void ExplicitSystem::setup(const ConstraintSets& sets, const ConstVectorRef& sca
   if (dense_) {
     const auto n = static_cast<int>(size_);
     a_.resize(static_cast<std::size_t>(n) * n);
+    k_.reserve(a_.size());
     if (static_cast<double>(blocks.size()) < 0.5 * count * (count - 1.0)) std::fill(a_.begin(), a_.end(), 0.0);
     for (std::size_t i = 0; i < sizes_.size(); ++i) {
       const int o = offsets_[i], size = sizes_[i];

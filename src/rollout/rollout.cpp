@@ -76,6 +76,9 @@ void rollout(const std::shared_ptr<const World>& world, const SimulatorSettings&
   Index threads = options.num_threads > 0 ? options.num_threads
                                           : static_cast<Index>(std::max(1u, std::thread::hardware_concurrency()));
   threads = std::min(threads, num);
+#ifdef SIGNORINI_NO_MALLOC
+  threads = 1;  // Eigen's flag that forbids allocations is one for all threads
+#endif
   std::vector<std::thread> pool;
   for (Index t = 1; t < threads; ++t) pool.emplace_back(work);
   work();

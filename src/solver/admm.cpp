@@ -22,7 +22,7 @@ constexpr int kDefaultIterations = 5000;
 constexpr int kPowerIterations = 20;
 constexpr int kCheckInterval = 10;  // unscaled, where the cheap residual is not the certificate's
 
-double max_norm(const Vector& x) { return x.size() > 0 ? x.cwiseAbs().maxCoeff() : 0.0; }
+double max_norm(const ConstVectorRef& x) { return x.size() > 0 ? x.cwiseAbs().maxCoeff() : 0.0; }
 
 /// Largest eigenvalue of A, by power iteration.
 double largest_eigenvalue(const ScaledDelassus& a, Vector& x, Vector& ax) {

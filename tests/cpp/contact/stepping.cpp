@@ -91,38 +91,6 @@ BOOST_AUTO_TEST_CASE(a_problem_is_refilled_in_place) {
   }
 }
 
-// Four corners of a box, their normal velocities asked to differ by what no motion of the box can do.
-BOOST_AUTO_TEST_CASE(contacts_that_contradict_each_other_need_no_cold_start) {
-  Matrix rows(12, 6);
-  for (int k = 0; k < 4; ++k) {
-    const double x = k % 2 ? 0.1 : -0.1, y = k / 2 ? 0.1 : -0.1, z = -0.1;
-    Eigen::Matrix3d lever;
-    lever << 0.0, z, -y, -z, 0.0, x, y, -x, 0.0;  // times the angular velocity: its cross product with the corner
-    rows.middleRows(3 * k, 3) << Eigen::Matrix3d::Identity(), lever;
-  }
-  Vector inverse_mass(6);
-  inverse_mass << 1.0, 1.0, 1.0, 150.0, 150.0, 150.0;
-  ConstraintSets sets;
-  for (int k = 0; k < 4; ++k) sets.add_friction_cone(0.5);
-  const auto delassus = std::make_shared<BlockDelassus>();
-  fill_blocks(sets, rows * inverse_mass.asDiagonal() * rows.transpose(), *delassus);
-  Vector velocity = Vector::Zero(6);
-  velocity[2] = -0.01;
-  Guess guess;
-  guess.impulse = Vector::Zero(12);
-  for (int k = 0; k < 4; ++k) guess.impulse[3 * k + 2] = 0.0025;
-  for (const double warp : {1e-12, 1e-9, 1e-6, 1e-3}) {
-    Vector free_velocity = rows * velocity;
-    for (const int k : {0, 3}) free_velocity[3 * k + 2] += warp * 0.01;
-    ContactProblem problem;
-    problem.assign(delassus, free_velocity, sets);
-    const Solution solution = solve(problem, Settings(), &guess);
-    BOOST_TEST((solution.status == Status::Solved));
-    BOOST_TEST((solution.solver != SolverType::InteriorPoint));
-    BOOST_TEST(solution.factorizations <= 8);
-  }
-}
-
 BOOST_AUTO_TEST_CASE(bad_input_is_refused_in_place_too) {
   const Step step(4, 3, true, 0.0);
   const ContactProblem& good = step.planted.problem;
