@@ -330,8 +330,8 @@ void bind_simulation(nb::module_& m) {
            })
       .def("restore", [](Simulator& self, nb::bytes bytes) { self.restore(std::string(bytes.c_str(), bytes.size())); })
       .def_prop_ro("state_hash", &Simulator::state_hash)
-      .def("problem_arrays", [](const Simulator& self) {  // of the last step
-        const ContactProblem& p = self.assembler().problem();
+      .def("problem_arrays", [](Simulator& self) {  // of the last step
+        const ContactProblem p = self.contact_problem();
         nb::dict out;
         std::vector<int> types;
         std::vector<double> first, second;

@@ -50,7 +50,7 @@ Assembler::Set& Assembler::new_set(SetSource source, int index, int row, int row
   set.source = source;
   set.index = index;
   set.row = row;
-  set.offset = rows_;
+  set.start = rows_;
   set.rows = rows;
   rows_ += rows;
   return set;
@@ -64,7 +64,6 @@ double* Assembler::articulated_columns(Set& set) {
     std::fill_n(masks_.begin() + static_cast<std::ptrdiff_t>(set.articulated) * words_, words_, 0u);
     std::fill_n(columns_.begin() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_,
                 set.rows * nv_articulated_, 0.0);
-    articulated_sets_.push_back(static_cast<int>(&set - sets_.data()));
   }
   return columns_.data() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_;
 }
@@ -183,7 +182,7 @@ void Assembler::add_contacts(const Dynamics& dynamics, const std::vector<Contact
     set.frame = contact_frame(contact.normal);
     set.material = mix(geometries[static_cast<std::size_t>(contact.geometry_a)].material,
                        geometries[static_cast<std::size_t>(contact.geometry_b)].material);
-    constraint_sets_.add_friction_cone(set.material.friction);
+    all_sets_.add_friction_cone(set.material.friction);
     const int frame_a = geometry_frame_[static_cast<std::size_t>(contact.geometry_a)];
     const int frame_b = geometry_frame_[static_cast<std::size_t>(contact.geometry_b)];
     add_point(dynamics, set, frame_a, contact.position, -1.0);
@@ -206,7 +205,7 @@ void Assembler::add_limits(const ConstVectorRef& q, const ConstVectorRef& v, con
       Set& set = new_set(lower ? SetSource::LowerLimit : SetSource::UpperLimit, j, 0, 1);
       add_velocity(set, joint.v_index, lower ? 1.0 : -1.0);
       set.correction = rigid_correction(gap);
-      constraint_sets_.add_half_line();
+      all_sets_.add_half_line();
     }
   }
 }
@@ -216,7 +215,7 @@ void Assembler::add_joint_friction() {
     if (velocity >= nv_articulated_) continue;
     Set& set = new_set(SetSource::JointFriction, velocity, 0, 1);
     add_velocity(set, velocity, 1.0);
-    constraint_sets_.add_interval(-settings_.time_step * force, settings_.time_step * force);
+    all_sets_.add_interval(-settings_.time_step * force, settings_.time_step * force);
   }
 }
 
@@ -236,7 +235,7 @@ void Assembler::add_equalities(const Dynamics& dynamics, const ConstVectorRef& q
       add_velocity(set, b.v_index, 1.0);
       if (c.joint_a >= 0) add_velocity(set, world_->joints()[static_cast<std::size_t>(c.joint_a)].v_index, -slope);
       set_spring(set, q[b.q_index] - c.reference_b - target, c.stiffness, c.damping, false);
-      constraint_sets_.add_equality();
+      all_sets_.add_equality();
       continue;
     }
     const Body& a = world_->bodies()[static_cast<std::size_t>(c.body_a)];
@@ -262,7 +261,7 @@ void Assembler::add_equalities(const Dynamics& dynamics, const ConstVectorRef& q
         add_rotation(dynamics, set, b.frame, 1.0);
         set_spring(set, turn[row - 3], c.stiffness, c.damping, false);
       }
-      constraint_sets_.add_equality();
+      all_sets_.add_equality();
     }
   }
 }
@@ -298,10 +297,9 @@ void Assembler::correct(const Dynamics& dynamics, const ConstVectorRef& v, const
     whitened_ = v;
     dynamics.multiply_half_transposed(whitened_);
   }
-  if (g_storage_.size() < rows_) g_storage_.resize(2 * rows_), compliance_storage_.resize(2 * rows_);
-  compliance_storage_.head(rows_).setZero();
+  g_.resize(rows_);
   for (Set& set : sets_) {
-    double* g = g_storage_.data() + set.offset;
+    double* g = g_.data() + set.start;
     row_product(set, free_whitened_, g);
     const int last = set.rows - 1;
     if (bounces && set.source == SetSource::Contact && set.material.restitution > 0.0) {
@@ -313,31 +311,32 @@ void Assembler::correct(const Dynamics& dynamics, const ConstVectorRef& v, const
                                                             : set.correction + set.material.restitution * now[2];
     }
     g[last] += set.correction;
-    compliance_storage_[set.offset + last] = set.compliance;
   }
 }
 
-void Assembler::multiply_blocks() {
+void Assembler::multiply_blocks(const std::vector<int>& selection, const ConstraintSets& sets,
+                                BlockDelassus& delassus) {
   pairs_.clear();
   for (const int body : touched_free_) sets_of_free_[static_cast<std::size_t>(body)].clear();
   touched_free_.clear();
-  std::size_t seen_articulated = 0;
-  for (int i = 0; i < static_cast<int>(sets_.size()); ++i) {
-    const Set& set = sets_[static_cast<std::size_t>(i)];
+  articulated_sets_.clear();
+  const auto selected = [&](int i) -> const Set& {
+    return sets_[static_cast<std::size_t>(selection[static_cast<std::size_t>(i)])];
+  };
+  for (int i = 0; i < static_cast<int>(selection.size()); ++i) {
+    const Set& set = selected(i);
     partners_.clear();
     if (set.articulated >= 0) {
       const std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_;
-      for (std::size_t k = 0; k < seen_articulated; ++k) {
-        const int j = articulated_sets_[k];
-        const std::uint64_t* other =
-            masks_.data() + static_cast<std::ptrdiff_t>(sets_[static_cast<std::size_t>(j)].articulated) * words_;
+      for (const int j : articulated_sets_) {
+        const std::uint64_t* other = masks_.data() + static_cast<std::ptrdiff_t>(selected(j).articulated) * words_;
         for (int w = 0; w < words_; ++w)
           if (mask[w] & other[w]) {
             partners_.push_back(j);
             break;
           }
       }
-      ++seen_articulated;
+      articulated_sets_.push_back(i);
     }
     for (int side = 0; side < set.num_free; ++side) {
       std::vector<int>& list = sets_of_free_[static_cast<std::size_t>(set.free[side])];
@@ -352,7 +351,7 @@ void Assembler::multiply_blocks() {
     partners_.erase(std::unique(partners_.begin(), partners_.end()), partners_.end());
     for (const int j : partners_) pairs_.emplace_back(i, j);
   }
-  delassus_->reset(constraint_sets_, pairs_);
+  delassus.reset(sets, pairs_);
 
   const auto multiply = [this](const Set& a, const Set& b, double* block) {  // rows of a x rows of b, column-major
     if (a.articulated >= 0 && b.articulated >= 0) {
@@ -394,11 +393,11 @@ void Assembler::multiply_blocks() {
         }
       }
   };
-  for (std::size_t i = 0; i < sets_.size(); ++i)
-    multiply(sets_[i], sets_[i], delassus_->diagonal_block(static_cast<Index>(i)));
+  for (std::size_t i = 0; i < selection.size(); ++i)
+    multiply(selected(static_cast<int>(i)), selected(static_cast<int>(i)),
+             delassus.diagonal_block(static_cast<Index>(i)));
   for (std::size_t k = 0; k < pairs_.size(); ++k)
-    multiply(sets_[static_cast<std::size_t>(pairs_[k].first)], sets_[static_cast<std::size_t>(pairs_[k].second)],
-             delassus_->block(static_cast<Index>(k)));
+    multiply(selected(pairs_[k].first), selected(pairs_[k].second), delassus.block(static_cast<Index>(k)));
 }
 
 void Assembler::assemble(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v,
@@ -421,37 +420,103 @@ void Assembler::assemble(const Dynamics& dynamics, const ConstVectorRef& q, cons
   sets_.reserve(contacts.size() + 2 * limited_joints_.size() + friction_velocities_.size() +
                 6 * world_->constraints().size());
   rows_ = num_slots_ = 0;
-  articulated_sets_.clear();
-  constraint_sets_.clear();
+  all_sets_.clear();
   add_contacts(dynamics, contacts);
   add_limits(q, v, free_v);
   add_joint_friction();
   add_equalities(dynamics, q, v);
   whiten(dynamics);
-  multiply_blocks();
   correct(dynamics, v, free_v, contacts);
-  problem_.assign(delassus_, g_storage_.head(rows_), constraint_sets_, compliance_storage_.head(rows_));
 }
 
-void Assembler::add_impulse(const Dynamics& dynamics, const ConstVectorRef& impulse, VectorRef v) {
-  whitened_.setZero(v.size());
-  for (const Set& set : sets_) {
-    const double* x = impulse.data() + set.offset;
-    if (set.articulated >= 0) {
-      const double* y = columns_.data() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_;
-      const std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_;
-      for (int w = 0; w < words_; ++w)
-        for (std::uint64_t bits = mask[w]; bits; bits &= bits - 1) {
-          const int k = 64 * w + __builtin_ctzll(bits);
-          for (int r = 0; r < set.rows; ++r) whitened_[k] += y[k * set.rows + r] * x[r];
-        }
-    }
-    for (int side = 0; side < set.num_free; ++side) {
-      double* out = whitened_.data() + nv_articulated_ + 6 * static_cast<std::ptrdiff_t>(set.free[side]);
-      for (int k = 0; k < 6; ++k)
-        for (int r = 0; r < set.rows; ++r) out[k] += set.y[side][k * set.rows + r] * x[r];
-    }
+/// An impulse of zero does not do for this set at the velocity sigma, of which sigma points at its rows.
+bool Assembler::violated(const Set& set, const double* sigma, Law law) const {
+  if (set.source != SetSource::Contact) return sigma[0] < 0.0;
+  const double sliding = law == Law::Ccp ? set.material.friction * std::hypot(sigma[0], sigma[1]) : 0.0;
+  return sigma[2] < sliding;
+}
+
+void Assembler::write_problem() {
+  constraint_sets_.clear();
+  int rows = 0;
+  for (const int i : selection_) {
+    Set& set = sets_[static_cast<std::size_t>(i)];
+    set.offset = rows;
+    rows += set.rows;
+    constraint_sets_.add(all_sets_[i]);
   }
+  multiply_blocks(selection_, constraint_sets_, *delassus_);
+  problem_g_.resize(rows);
+  problem_compliance_.setZero(rows);
+  for (const int i : selection_) {
+    const Set& set = sets_[static_cast<std::size_t>(i)];
+    for (int r = 0; r < set.rows; ++r) problem_g_[set.offset + r] = g_[set.start + r];
+    problem_compliance_[set.offset + set.rows - 1] = set.compliance;
+  }
+  problem_.assign(delassus_, problem_g_, constraint_sets_, problem_compliance_);
+}
+
+void Assembler::select(const ConstVectorRef& guess, Law law) {
+  selection_.clear();
+  for (std::size_t i = 0; i < sets_.size(); ++i) {
+    const Set& set = sets_[i];
+    bool acts = set.source == SetSource::JointFriction || set.source == SetSource::Equality;
+    for (int r = 0; r < set.rows; ++r) acts = acts || guess[set.start + r] != 0.0;
+    if (acts || violated(set, g_.data() + set.start, law)) selection_.push_back(static_cast<int>(i));
+  }
+  write_problem();
+}
+
+bool Assembler::select_violated(const ConstVectorRef& impulse, Law law, VectorRef sigma) {
+  whitened_.setZero(free_whitened_.size());
+  for (const int i : selection_) add_row_products(sets_[static_cast<std::size_t>(i)], impulse);
+  const std::size_t before = selection_.size();
+  for (std::size_t i = 0; i < sets_.size(); ++i) {
+    const Set& set = sets_[i];
+    if (set.offset >= 0) continue;
+    double* own = sigma.data() + set.start;
+    row_product(set, whitened_, own);
+    for (int r = 0; r < set.rows; ++r) own[r] += g_[set.start + r];
+    if (violated(set, own, law)) selection_.push_back(static_cast<int>(i));
+  }
+  if (selection_.size() == before) return false;
+  std::sort(selection_.begin(), selection_.end());
+  write_problem();
+  return true;
+}
+
+ContactProblem Assembler::whole_problem() {
+  std::vector<int> all(sets_.size());
+  Vector compliance = Vector::Zero(rows_);
+  for (std::size_t i = 0; i < sets_.size(); ++i) {
+    all[i] = static_cast<int>(i);
+    compliance[sets_[i].start + sets_[i].rows - 1] = sets_[i].compliance;
+  }
+  const auto delassus = std::make_shared<BlockDelassus>();
+  multiply_blocks(all, all_sets_, *delassus);
+  return ContactProblem(delassus, g_, all_sets_, compliance);
+}
+
+/// whitened_ += Y^T impulse, of one set.
+void Assembler::add_row_products(const Set& set, const ConstVectorRef& impulse) {
+  const double* x = impulse.data() + set.start;
+  if (set.articulated >= 0) {
+    const double* y = columns_.data() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_;
+    const std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_;
+    for (int w = 0; w < words_; ++w)
+      for (std::uint64_t bits = mask[w]; bits; bits &= bits - 1) {
+        const int k = 64 * w + __builtin_ctzll(bits);
+        for (int r = 0; r < set.rows; ++r) whitened_[k] += y[k * set.rows + r] * x[r];
+      }
+  }
+  for (int side = 0; side < set.num_free; ++side) {
+    double* out = whitened_.data() + nv_articulated_ + 6 * static_cast<std::ptrdiff_t>(set.free[side]);
+    for (int k = 0; k < 6; ++k)
+      for (int r = 0; r < set.rows; ++r) out[k] += set.y[side][k * set.rows + r] * x[r];
+  }
+}
+
+void Assembler::add_impulse(const Dynamics& dynamics, VectorRef v) {
   dynamics.solve_half_transposed(whitened_);
   v += whitened_;
 }

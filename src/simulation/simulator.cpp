@@ -197,6 +197,7 @@ struct Simulator::Impl {
   void sum_forces();
   void add_wrenches();
   void make_guess();
+  void solve_contacts();
   void keep_impulses();
 
   std::shared_ptr<const World> world;
@@ -213,6 +214,7 @@ struct Simulator::Impl {
   double time = 0.0;
   Matrix wrench;
   Vector force, implicit, free_v;
+  GrowVector impulse, sigma;  // of all sets, those left out of the problem too
 
   // Impulses of the last step, for the next one to start from: of the contacts in world axes, three a point; of limits
   // and dry friction by velocity; of equalities by row.
@@ -240,7 +242,8 @@ Vector& Simulator::applied_force() { return impl_->applied; }
 Matrix& Simulator::external_wrench() { return impl_->wrench; }
 const StepReport& Simulator::report() const { return impl_->report; }
 const Assembler& Simulator::assembler() const { return impl_->assembler; }
-ConstVectorRef Simulator::impulse() const { return impl_->solution.impulse; }
+ConstVectorRef Simulator::impulse() const { return impl_->impulse; }
+ContactProblem Simulator::contact_problem() { return impl_->assembler.whole_problem(); }
 
 /// force: everything but M dv/dt, with springs, dampers and gains taken at the end of the step: what depends on the new
 /// velocity goes to `implicit` (S2).
@@ -303,14 +306,14 @@ void Simulator::Impl::add_wrenches() {
 }
 
 void Simulator::Impl::make_guess() {
-  guess.impulse.resize(assembler.problem().size());
+  impulse.resize(assembler.num_rows());
   const std::vector<ContactPoint>& points = detector.points();
   for (const Assembler::Set& set : assembler.sets()) {
-    double& x = guess.impulse[set.offset];
+    double& x = impulse[set.start];
     switch (set.source) {
       case SetSource::Contact: {
         const int previous = points[static_cast<std::size_t>(set.index)].previous;
-        auto own = guess.impulse.segment<3>(set.offset);
+        auto own = impulse.segment<3>(set.start);
         if (previous >= 0 && 3 * previous + 3 <= contact_guess.size())
           own = set.frame.transpose() * contact_guess.segment<3>(3 * previous);
         else
@@ -338,10 +341,10 @@ void Simulator::Impl::keep_impulses() {
   lower_guess.setZero();
   upper_guess.setZero();
   for (const Assembler::Set& set : assembler.sets()) {
-    const double x = solution.impulse[set.offset];
+    const double x = impulse[set.start];
     switch (set.source) {
       case SetSource::Contact:
-        contact_guess.segment<3>(3 * set.index) = set.frame * solution.impulse.segment<3>(set.offset);
+        contact_guess.segment<3>(3 * set.index) = set.frame * impulse.segment<3>(set.start);
         break;
       case SetSource::LowerLimit:
         lower_guess[world->joints()[static_cast<std::size_t>(set.index)].v_index] = x;
@@ -357,6 +360,27 @@ void Simulator::Impl::keep_impulses() {
         break;
     }
   }
+}
+
+/// Solves the problem of the sets that act, starting from `impulse`, and again with those that its answer violates.
+void Simulator::Impl::solve_contacts() {
+  const Law law = settings.solver.law;
+  report.iterations = report.factorizations = 0;
+  sigma.resize(impulse.size());
+  assembler.select(impulse, law);
+  do {
+    guess.impulse.resize(assembler.problem().size());
+    for (const Assembler::Set& set : assembler.sets())
+      if (set.offset >= 0) guess.impulse.segment(set.offset, set.rows) = impulse.segment(set.start, set.rows);
+    solve(assembler.problem(), settings.solver, workspace, solution, &guess);
+    report.iterations += solution.iterations;
+    report.factorizations += solution.factorizations;
+    for (const Assembler::Set& set : assembler.sets()) {
+      if (set.offset < 0) continue;
+      impulse.segment(set.start, set.rows) = solution.impulse.segment(set.offset, set.rows);
+      sigma.segment(set.start, set.rows) = solution.velocity.segment(set.offset, set.rows);
+    }
+  } while (assembler.select_violated(impulse, law, sigma));
 }
 
 void Simulator::step() {
@@ -381,11 +405,11 @@ void Simulator::step() {
   const std::vector<ContactPoint>& points = s.detector.detect(s.dynamics.frames());
   s.assembler.assemble(s.dynamics, s.q, s.v, s.free_v, points);
   s.make_guess();
-  solve(s.assembler.problem(), s.settings.solver, s.workspace, s.solution, &s.guess);
+  s.solve_contacts();
   s.keep_impulses();
 
   // Velocity, position.
-  s.assembler.add_impulse(s.dynamics, s.solution.impulse, s.free_v);
+  s.assembler.add_impulse(s.dynamics, s.free_v);
   require_finite("v (after the step)", s.free_v);
   s.v = s.free_v;
   advance(*s.world, s.settings.time_step, s.q, s.v);
@@ -395,8 +419,6 @@ void Simulator::step() {
   r.status = s.solution.status;
   r.solver = s.solution.solver;
   r.residual = s.solution.residual;
-  r.iterations = s.solution.iterations;
-  r.factorizations = s.solution.factorizations;
   r.num_contacts = static_cast<Index>(points.size());
   r.deepest_overlap = 0.0;
   for (const ContactPoint& point : points) r.deepest_overlap = std::max(r.deepest_overlap, -point.distance);
@@ -417,9 +439,9 @@ std::vector<Contact> Simulator::contacts() const {
     contact.position = point.position;
     contact.frame = set.frame;
     contact.distance = point.distance;
-    const Vector3 impulse = s.solution.impulse.segment<3>(set.offset);
+    const Vector3 impulse = s.impulse.segment<3>(set.start);
     contact.force = impulse / s.settings.time_step;
-    contact.velocity = s.solution.velocity.segment<3>(set.offset);
+    contact.velocity = s.sigma.segment<3>(set.start);
     contact.velocity[2] -= set.correction + set.compliance * impulse[2];  // sigma without gap and spring
     // On the border of the cone it slides, if not by velocity then by the next ounce of force.
     const double border = set.material.friction * impulse[2];

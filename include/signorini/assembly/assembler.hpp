@@ -35,11 +35,12 @@ class Assembler {
   struct Set {
     SetSource source = SetSource::Contact;
     int index = 0, row = 0;
-    int offset = 0, rows = 0;  ///< in the problem
-    double correction = 0.0;   ///< added to the last row of g [m/s]
-    double compliance = 0.0;   ///< of the last row [1/kg]
-    int articulated = -1;      ///< slot of its articulated columns, or -1
-    int num_free = 0;          ///< free bodies it acts on
+    int start = 0, rows = 0;  ///< among the rows of all sets
+    int offset = -1;          ///< in the problem; -1: left out
+    double correction = 0.0;  ///< added to the last row of g [m/s]
+    double compliance = 0.0;  ///< of the last row [1/kg]
+    int articulated = -1;     ///< slot of its articulated columns, or -1
+    int num_free = 0;         ///< free bodies it acts on
     int free[2] = {0, 0};
     double y[2][18];    ///< rows x 6 each, column-major, whitened
     Matrix3 frame;      ///< Contact: columns t1, t2, n in the world
@@ -48,15 +49,25 @@ class Assembler {
 
   Assembler(std::shared_ptr<const World> world, const CorrectionSettings& settings);
 
-  /// dynamics: updated at (q, v) and factored; free_v: velocity at the end of the step without constraint impulses.
+  /// Rows and g of every set. dynamics: updated at (q, v) and factored; free_v: velocity at the end of the step without
+  /// constraint impulses.
   void assemble(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v,
                 const ConstVectorRef& free_v, const std::vector<ContactPoint>& contacts);
-
-  const ContactProblem& problem() const { return problem_; }
   const std::vector<Set>& sets() const { return sets_; }
+  Index num_rows() const { return rows_; }  ///< of all sets
 
-  /// v += M^^-1 J^T impulse
-  void add_impulse(const Dynamics& dynamics, const ConstVectorRef& impulse, VectorRef v);
+  /// The problem of the sets that free_v violates, that `guess` (num_rows values) has an impulse for, or that are no
+  /// contact or limit.
+  void select(const ConstVectorRef& guess, Law law);
+  const ContactProblem& problem() const { return problem_; }
+  /// Adds the sets which the answer to problem() violates; false if there are none. impulse, sigma: num_rows values,
+  /// of the sets in the problem; sigma receives the velocities of the others.
+  bool select_violated(const ConstVectorRef& impulse, Law law, VectorRef sigma);
+  /// v += M^^-1 J^T impulse, for the impulse that select_violated() was asked of last.
+  void add_impulse(const Dynamics& dynamics, VectorRef v);
+
+  /// The problem of all sets, for those who want to see it.
+  ContactProblem whole_problem();
 
  private:
   Set& new_set(SetSource source, int index, int row, int rows);
@@ -71,11 +82,15 @@ class Assembler {
   void add_equalities(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v);
   void correct(const Dynamics& dynamics, const ConstVectorRef& v, const ConstVectorRef& free_v,
                const std::vector<ContactPoint>& contacts);
-  void multiply_blocks();
+  /// G of the sets of `selection`, whose rows are `sets`.
+  void multiply_blocks(const std::vector<int>& selection, const ConstraintSets& sets, BlockDelassus& delassus);
+  void write_problem();
+  bool violated(const Set& set, const double* sigma, Law law) const;
   double rigid_correction(double gap) const;
   /// The spring with damper as correction and compliance of a row (S7); rigid where stiffness is infinite.
   void set_spring(Set& set, double gap, double stiffness, double damping, bool one_sided) const;
   void row_product(const Set& set, const Vector& whitened, double* out) const;
+  void add_row_products(const Set& set, const ConstVectorRef& impulse);
 
   std::shared_ptr<const World> world_;
   CorrectionSettings settings_;
@@ -93,16 +108,17 @@ class Assembler {
   std::vector<std::uint64_t> support_masks_;  // by frame
   std::vector<std::uint64_t> chain_masks_;    // by velocity: itself and all before it
   std::vector<int> dofs_;
-  std::vector<int> articulated_sets_;
+  std::vector<int> articulated_sets_;  // below: numbers in the selection
   std::vector<std::vector<int>> sets_of_free_;
   std::vector<int> touched_free_;
   std::vector<int> partners_;
   std::vector<BlockDelassus::Pair> pairs_;
-  ConstraintSets constraint_sets_;
+  ConstraintSets all_sets_, constraint_sets_;  // of sets_, and of those in the problem
+  std::vector<int> selection_;                 // the sets in the problem
   std::shared_ptr<BlockDelassus> delassus_;
   ContactProblem problem_;
   Vector free_whitened_, whitened_;
-  Vector g_storage_, compliance_storage_;
+  GrowVector g_, problem_g_, problem_compliance_;
 };
 
 }  // namespace signorini

@@ -43,8 +43,8 @@ struct StepReport {
   SolverType solver = SolverType::Auto;
   Residual residual;
   int iterations = 0, factorizations = 0;
-  Index num_contacts = 0;        ///< contact points in the problem
-  Index num_constraints = 0;     ///< sets in the problem
+  Index num_contacts = 0;        ///< contact points within the margin
+  Index num_constraints = 0;     ///< sets in the problem: of contacts and limits, those that may act
   double deepest_overlap = 0.0;  ///< of a contact at the start of the step [m], >= 0
   std::uint64_t steps = 0;       ///< since the simulator was made
   std::uint64_t unsolved = 0;    ///< of these
@@ -93,7 +93,9 @@ class Simulator {
   /// Force of geometries on body b by those on body a, world axes [N].
   Vector3 contact_force(int body_a, int body_b) const;
   const Assembler& assembler() const;
-  ConstVectorRef impulse() const;  ///< of the last step's problem [N s]
+  /// Of the last step, with all its sets; and the impulse that solved it [N s].
+  ContactProblem contact_problem();
+  ConstVectorRef impulse() const;
 
   double kinetic_energy();
   double potential_energy();
