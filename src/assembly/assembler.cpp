@@ -453,7 +453,25 @@ void Assembler::write_problem() {
     for (int r = 0; r < set.rows; ++r) problem_g_[set.offset + r] = g_[set.start + r];
     problem_compliance_[set.offset + set.rows - 1] = set.compliance;
   }
-  problem_.assign(delassus_, problem_g_, constraint_sets_, problem_compliance_);
+  problem_.assign(delassus_, problem_g_, constraint_sets_, problem_compliance_, largest_left_out());
+}
+
+/// max |g| / sqrt(d) over the sets left out, d as in ContactProblem::scale().
+double Assembler::largest_left_out() const {
+  double largest = 0.0;
+  for (const Set& set : sets_) {
+    if (set.offset >= 0) continue;
+    double trace = set.compliance, square = 0.0;
+    for (int r = 0; r < set.rows; ++r) square += g_[set.start + r] * g_[set.start + r];
+    if (set.articulated >= 0) {
+      const double* y = columns_.data() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_;
+      for (Index k = 0; k < set.rows * nv_articulated_; ++k) trace += y[k] * y[k];
+    }
+    for (int side = 0; side < set.num_free; ++side)
+      for (int k = 0; k < 6 * set.rows; ++k) trace += set.y[side][k] * set.y[side][k];
+    if (trace > 0.0) largest = std::max(largest, square * set.rows / trace);
+  }
+  return std::sqrt(largest);
 }
 
 void Assembler::select(const ConstVectorRef& guess, Law law) {

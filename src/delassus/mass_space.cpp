@@ -15,7 +15,7 @@
 namespace signorini {
 namespace {
 
-/// With Js = S J and X' = X + Y S R S, the solution d of (X + Y A) d = r is (Woodbury; docs/theory.md, T37)
+/// With Js = S J and X' = X + Y S R S, the solution d of (X + Y A) d = r is (Woodbury; docs/theory.md, T38)
 ///     N w = Js' X'^-1 r,   d = X'^-1 (r - Y Js w),   N = M + Js' X'^-1 Y Js.
 class MassSpaceSystem final : public ScaledDelassus {
  public:

@@ -57,7 +57,10 @@ ContactProblem::ContactProblem(std::shared_ptr<const DelassusOperator> delassus,
 }
 
 void ContactProblem::assign(std::shared_ptr<const DelassusOperator> delassus, const ConstVectorRef& free_velocity,
-                            const ConstraintSets& sets, const ConstVectorRef& compliance) {
+                            const ConstraintSets& sets, const ConstVectorRef& compliance, double reference) {
+  if (!(reference >= 0.0 && reference <= kLargest))
+    throw InvalidInput("reference", "is " + number(reference) + ", must be in [0, 1e100]");
+  reference_ = reference;
   try {
     take(std::move(delassus), free_velocity, sets, compliance);
   } catch (...) {

@@ -89,7 +89,7 @@ RelativePart relative_part(const ContactProblem& problem, Index i, const ConstVe
 Residual residual(const ContactProblem& problem, const ConstVectorRef& impulse, Law law, VectorRef sigma) {
   problem.velocity(impulse, sigma);
   Residual r;
-  double error = 0.0, largest = 0.0, free = 0.0;
+  double error = 0.0, largest = 0.0, free = problem.reference();
   for (const ConstraintSet& set : problem.sets()) {
     const Index o = set.offset, n = set.size();
     const double* x = impulse.data() + o;

@@ -13,9 +13,11 @@ namespace signorini {
 namespace {
 
 constexpr double kAim = 1e-4;   // of the tolerance: what Newton aims at from a guess, if the settings do not say
-constexpr int kWarmNewton = 8;  // iterations granted to Newton from a guess
+constexpr int kWarmNewton = 5;  // iterations granted to Newton from a guess
 constexpr int kWarmPatience = 8, kWarmSteps = 15;
-constexpr double kFirstFinish = 1e-6;  // certificate at which Newton first tries to finish
+constexpr double kFirstFinish = 1e-6;               // certificate at which Newton first tries to finish
+constexpr double kFirstProximal = 1e-4;             // certificate at which proximal Newton tries, once a start
+constexpr int kWarmProximal = 15, kProximal = 150;  // factorisations granted to it
 constexpr int kFinish = 3, kLateFinish = 6, kLastFinish = 12;
 constexpr int kLate = 25;  // interior-point iterations after which Newton tries earlier
 constexpr double kLateFactor = 100.0;
@@ -87,12 +89,17 @@ class Ladder {
   SolverType method = SolverType::Auto;                   ///< that found it; Auto: none was needed
 
   void solve(const GrowVector* guess) {
-    active_newton_ = guess && law_ == Law::Ncp && problem_.system->reduces();
+    proximal_ = law_ == Law::Ncp && problem_.system->reduces();
+    active_newton_ = guess && proximal_;
     if (guess && newton(*guess, kWarmNewton)) return;
     w_.scratch.setZero(problem_.size());
     offer(w_.scratch, natural_residual(problem_, law_, w_.scratch, problem_.b, w_.newton.natural), SolverType::Auto);
     if (done()) return;
-    if (guess && interior_point(guess, {}, kWarmPatience, kWarmSteps)) return;
+    if (guess) {
+      const bool found =
+          proximal_ ? proximal_newton(*guess, kWarmProximal) : interior_point(guess, {}, kWarmPatience, kWarmSteps);
+      if (found) return;
+    }
     const Index num_sets = problem_.sets.num_sets();
     for (const InteriorPoint::Options& options : kAttempts) {
       if (interior_point(nullptr, options, kPatience, num_sets > kLarge ? kLate : kSteps)) return;
@@ -163,7 +170,7 @@ class Ladder {
     if (!done()) newton(l, kLastFinish);
   }
 
-  /// Follows the solution of A + weight I (T41), easy for large weights, as the weight falls to 0.
+  /// Follows the solution of A + weight I (T42), easy for large weights, as the weight falls to 0.
   bool continuation() {
     const double best_before = best;
     const GrowVector before = w_.best;
@@ -276,6 +283,16 @@ class Ladder {
     }
   }
 
+  bool proximal_newton(const GrowVector& from, int max_factorizations) {
+    w_.newton.l = from;
+    const NewtonResult result =
+        proximal_newton_iterations(problem_, tolerance_, max_factorizations, w_.newton, observer());
+    iterations += result.iterations;
+    factorizations += result.factorizations;
+    offer(w_.newton.best, result.relative, SolverType::Newton);
+    return done();
+  }
+
   bool newton(const ConstVectorRef& from, int max_iterations) {
     w_.newton.l = from;
     const NewtonResult result =
@@ -293,6 +310,7 @@ class Ladder {
     InteriorPoint& interior = w_.interior_point;
     interior.options = options;
     interior.start(problem_, law_, guess);
+    bool tried_proximal = false;
     double next = kFirstFinish, milestone = std::numeric_limits<double>::infinity();
     int since = 0;
     while (true) {
@@ -302,6 +320,10 @@ class Ladder {
       if (relative <= 0.5 * milestone) milestone = relative, since = 0;
       if (++since > patience || interior.iterations() >= max_steps || out_of_budget()) return false;
       const bool late = interior.held_back() || interior.iterations() > kLate;
+      if (proximal_ && relative <= kFirstProximal && !tried_proximal) {
+        tried_proximal = true;
+        if (proximal_newton(interior.impulse(), kProximal)) return true;
+      }
       if (relative <= next * (late ? kLateFactor : 1.0)) {
         next = late ? 0.3 * relative / kLateFactor : 0.1 * relative;
         if (newton(interior.impulse(), late ? kLateFinish : kFinish)) return true;
@@ -326,7 +348,7 @@ class Ladder {
   ContactProblem part_;
   Law law_;
   double tolerance_, aim_, global_reference_, patch_work_ = 0.0;
-  bool active_newton_ = false;
+  bool active_newton_ = false, proximal_ = false;
   int max_factorizations_;
   bool may_repair_;  // false inside a patch
   AutoWorkspace& w_;
@@ -379,7 +401,7 @@ void solve_islands(const ContactProblem& problem, const Settings& settings, Auto
     }
   }
   const int budget = settings.max_iterations > 0 ? settings.max_iterations : kBudget;
-  double reference = 0.0;  // of the whole certificate, before scaling to an island's unit
+  double reference = problem.reference();  // of the whole certificate, before scaling to an island's unit
   for (const ConstraintSet& set : problem.sets())
     reference = std::max(reference, problem.free_velocity().segment(set.offset, set.size()).norm() /
                                         std::sqrt(problem.scale()[set.offset]));

@@ -21,6 +21,13 @@ constexpr double kActiveDelta = 1e-2, kSmallestActiveDelta = 1e-9;
 constexpr int kChords = 4;          // steps with one factor after the first
 constexpr double kChordGain = 0.3;  // what such a step must leave of the residual, at most
 constexpr double kLeastGain = 0.3;  // what an iteration must leave, once the tolerance holds
+// Proximal steps: first and largest weight, what an inner solve has to leave of the residual, its iterations, and how
+// the weight moves.
+constexpr double kFirstWeight = 3e-4, kLargestWeight = 1.0, kProximalGain = 0.1, kConverged = 0.3, kHarder = 10.0,
+                 kEasier = 0.5;
+constexpr int kProximalPatience = 60;  // factorisations without halving the residual after which it gives up
+constexpr int kProximalSteps = 15, kFewSteps = 4;
+constexpr double kSameDirection = 0.9;  // cosine between two proximal steps beyond which the second one is doubled
 constexpr double kLargestDelta = 1e-2, kSmallestDelta = 1e-7, kDeltaFactor = 0.1;
 
 /// X = (I - D) + delta D C and Y = D C of every set (T28 to T31).
@@ -232,7 +239,8 @@ void expand(const ScaledProblem& problem, const std::vector<ReducedSet>& sets, c
 }  // namespace
 
 void NewtonMemory::resize(Index size, Index num_sets) {
-  for (GrowVector* v : {&l, &t, &natural, &direction, &trial, &trial_t, &trial_natural, &best, &jump, &rhs})
+  for (GrowVector* v : {&l, &t, &natural, &direction, &trial, &trial_t, &trial_natural, &best, &jump, &rhs, &centre,
+                        &nearest, &last, &move})
     v->resize(size);
   reduced.resize(static_cast<std::size_t>(num_sets));
   x.resize(static_cast<std::size_t>(num_sets));
@@ -289,12 +297,14 @@ NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance
 }
 
 NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, double aim, int max_iterations,
-                                      NewtonMemory& m, const IterateObserver& observe) {
+                                      NewtonMemory& m, const IterateObserver& observe, double weight,
+                                      const GrowVector* centre) {
   const NoMalloc guard;
   NewtonResult result;
   const auto evaluate = [&](const GrowVector& l, GrowVector& t, GrowVector& natural) {
     problem.system->apply(l, t);
     t += problem.b;
+    if (centre) t += weight * (l - *centre);
     return natural_residual(problem, Law::Ncp, l, t, natural);
   };
   /// direction from m.l with the factor and the states at hand.
@@ -302,6 +312,7 @@ NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, 
     const bool jumps = find_jump(problem, m.reduced, m.l, m.t, m.jump);
     if (jumps) {
       problem.system->apply(m.jump, m.trial_t);
+      if (centre) m.trial_t += weight * m.jump;
       m.trial_t += m.t;
     }
     find_right_side(problem, m.reduced, m.l, m.t, jumps ? m.trial_t : m.t, m.rhs);
@@ -329,7 +340,7 @@ NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, 
     merits[result.iterations % kWatch] = m.natural.norm();
     find_active(problem, m.l, m.t, m.reduced);
     ++result.factorizations;
-    const double delta = std::clamp(kActiveDelta * relative, kSmallestActiveDelta, kLargestDelta);
+    const double delta = centre ? weight : std::clamp(kActiveDelta * relative, kSmallestActiveDelta, kLargestDelta);
     if (!problem.system->factor_reduced(m.reduced, delta)) break;
     find_direction();
 
@@ -362,6 +373,54 @@ NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, 
   }
   const double projected = evaluate(m.trial, m.trial_t, m.trial_natural);
   if (projected <= std::max(result.relative, tolerance)) result.relative = projected, m.best = m.trial;
+  return result;
+}
+
+NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance, int max_factorizations,
+                                        NewtonMemory& m, const IterateObserver& observe) {
+  const NoMalloc guard;
+  NewtonResult result;
+  const auto evaluate = [&](const GrowVector& l) {
+    problem.system->apply(l, m.t);
+    m.t += problem.b;
+    return natural_residual(problem, Law::Ncp, l, m.t, m.natural);
+  };
+  const auto watch = [&](const ConstVectorRef& l, int count) { observe(l, result.factorizations + count); };
+  m.centre = m.last = m.nearest = m.l;
+  m.move.setZero(m.l.size());
+  double relative = evaluate(m.centre);  // of m.last
+  result.relative = relative;
+  double weight = kFirstWeight, milestone = relative;
+  int since = 0;  // factorisations since the residual has halved
+  while (since < kProximalPatience && result.relative > tolerance && result.factorizations < max_factorizations &&
+         weight <= kLargestWeight) {
+    const double target = std::max(kProximalGain * relative, 0.1 * tolerance);
+    const int most = std::min(kProximalSteps, max_factorizations - result.factorizations);
+    m.l = m.centre;
+    const NewtonResult inner = active_newton_iterations(
+        problem, target, target, most, m, observe ? IterateObserver(watch) : IterateObserver(), weight, &m.centre);
+    ++result.iterations;
+    result.factorizations += inner.factorizations;
+    const double now = evaluate(m.best);
+    if (std::isnan(now)) break;
+    if (now < result.relative) result.relative = now, m.nearest = m.best;
+    since += inner.factorizations;
+    if (result.relative <= 0.5 * milestone) milestone = result.relative, since = 0;
+    const bool converged = inner.relative <= std::max(kConverged * relative, tolerance);
+    if (converged || now < relative) {
+      m.trial = m.best - m.last;
+      const bool same = m.trial.dot(m.move) > kSameDirection * m.trial.norm() * m.move.norm();
+      m.move = m.trial;
+      m.last = m.centre = m.best;
+      if (converged && same) m.centre += m.move;
+      relative = now;
+    }
+    if (!converged)
+      weight *= kHarder;
+    else if (inner.factorizations <= kFewSteps)
+      weight *= kEasier;
+  }
+  m.best = m.nearest;
   return result;
 }
 

@@ -156,6 +156,39 @@ def test_contact_problem_is_what_was_solved(tumble, tmp_path):
     assert fclib.read(tmp_path / "step.hdf5").num_contacts == 4
 
 
+@pytest.mark.parametrize("law", ["ncp", "ccp"])
+def test_the_certificate_holds_for_contacts_left_out_of_the_solve_too(law):
+    world, q, v = signorini.scenes.worlds()["boxes"](size=8)
+    simulator = Simulator(world, law=law)
+    simulator.state.q, simulator.state.v = q, v
+    left_out = 0
+    for _ in range(12):
+        simulator.run(50)
+        report, problem = simulator.report, simulator.contact_problem()
+        assert problem.num_constraints == report.num_contacts
+        left_out += report.num_contacts - report.num_constraints
+        impulse = np.concatenate([simulator.settings.time_step * c.force_local for c in simulator.contacts] or [[]])
+        certificate = signorini.residual(problem, impulse, law=law)
+        assert certificate.relative <= simulator.settings.tolerance
+        assert certificate.relative == pytest.approx(report.residual.relative, abs=1e-9)
+    assert left_out > 0
+
+
+def test_a_blow_passes_through_contacts_that_were_open():
+    """A ball hits a row of resting ones in one step; each gap, too wide to close by itself, must transmit."""
+    radius, gap, dt = 0.1, 1e-6, 1e-3
+    builder = WorldBuilder(gravity=(0.0, 0.0, 0.0))
+    for i in range(5):
+        add_sphere(builder, f"ball{i}", 1.0, radius, (i * (2.0 * radius + gap), 0.0, 0.0), None)
+    simulator = Simulator(builder.build(), time_step=dt)
+    simulator.state.v[0] = 1.0
+    simulator.step()
+    x, v = simulator.state.q[::7], simulator.state.v[::6]
+    assert sum(v) == pytest.approx(1.0, abs=1e-9)
+    assert (np.diff(x) >= 2.0 * radius - 1e-9).all()
+    assert (v > 0.1).all()
+
+
 def test_on_unsolved():
     def simulator(on_unsolved):
         start = scenes.worlds()["cube-stack"](mass_ratio=1e4, slip=0.5, num_cubes=10)

@@ -62,6 +62,19 @@ def test_granular_scenes_follow_seed_and_size(name):
     assert started(name, size=1).world.num_v == 6
 
 
+def test_a_jammed_heap_comes_to_rest_solved():
+    """More rows than degrees of freedom, all but sticking: the steps on which most methods stay above 1e-5."""
+    world, q, v = worlds()["spheres"](size=36)
+    simulator = signorini.Simulator(world)
+    simulator.state.q, simulator.state.v = q, v
+    trace = simulator.run(1600)
+    assert np.all(trace.solved)
+    assert simulator.report.residual.relative <= 1e-6
+    assert simulator.report.num_constraints > 2 * 36
+    assert np.max(trace.penetration) < 1e-8
+    assert simulator.energy.kinetic < 1e-4
+
+
 def test_options_are_checked():
     for name, options in (
         ("cube-stack", {"num_cubes": 0}),

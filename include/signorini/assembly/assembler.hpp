@@ -85,6 +85,7 @@ class Assembler {
   /// G of the sets of `selection`, whose rows are `sets`.
   void multiply_blocks(const std::vector<int>& selection, const ConstraintSets& sets, BlockDelassus& delassus);
   void write_problem();
+  double largest_left_out() const;
   bool violated(const Set& set, const double* sigma, Law law) const;
   double rigid_correction(double gap) const;
   /// The spring with damper as correction and compliance of a row (S7); rigid where stiffness is infinite.

@@ -27,8 +27,10 @@ class ContactProblem {
 
   /// The same in place, for a stepping loop: allocates nothing for sizes already seen. Where it raises, the problem is
   /// left without rows. The operator may be the one of before, with new values in it.
+  /// reference: for a problem that is part of a larger one, max |g| / sqrt(d) over the sets that are not in it, which
+  /// then counts in the certificate as if they were.
   void assign(std::shared_ptr<const DelassusOperator> delassus, const ConstVectorRef& free_velocity,
-              const ConstraintSets& sets, const ConstVectorRef& compliance = Vector());
+              const ConstraintSets& sets, const ConstVectorRef& compliance = Vector(), double reference = 0.0);
 
   Index size() const { return free_velocity_.size(); }
   Index num_sets() const { return sets_.num_sets(); }
@@ -41,6 +43,8 @@ class ContactProblem {
   /// d_i = trace(G_ii + R_ii) / rows of set i, repeated on its rows; 1 where that is 0. Impulses times sqrt(d) and
   /// velocities over sqrt(d) are in sqrt(J), whatever the masses and units.
   const GrowVector& scale() const { return scale_; }
+
+  double reference() const { return reference_; }
 
   /// velocity = (G + R) impulse + g (T1).
   void velocity(const ConstVectorRef& impulse, VectorRef velocity) const;
@@ -58,6 +62,7 @@ class ContactProblem {
   ConstraintSets sets_;
   GrowVector compliance_;
   GrowVector scale_;
+  double reference_ = 0.0;
 };
 
 }  // namespace signorini

@@ -14,6 +14,7 @@ struct NewtonMemory {
   BlockDiagonal x, y;
   std::vector<ReducedSet> reduced;
   GrowVector jump, rhs;
+  GrowVector centre, nearest, last, move;
   void resize(Index size, Index num_sets);
 };
 
@@ -36,8 +37,16 @@ NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance
 /// docs/theory.md): smaller systems, and symmetric ones where nothing slips. Made for warm starts: from memory.l, a
 /// factor is used again while it gains, so that the answer is often far better than `tolerance`; stops at `aim` <=
 /// tolerance, or at the tolerance once a step gains nothing. For systems that reduce() only.
+/// centre: of the problem with A + weight I and b - weight centre instead.
 NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, double aim, int max_iterations,
-                                      NewtonMemory& memory, const IterateObserver& observe = {});
+                                      NewtonMemory& memory, const IterateObserver& observe = {}, double weight = 0.0,
+                                      const GrowVector* centre = nullptr);
+
+/// Proximal point method on the NCP: each step solves, by active_newton_iterations(), the problem with a quadratic term
+/// that holds the impulse near the last one. Far more robust than Newton alone where redundant contacts leave the
+/// impulse nearly free. For systems that reduce() only.
+NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance, int max_factorizations,
+                                        NewtonMemory& memory, const IterateObserver& observe = {});
 
 struct NewtonWorkspace {
   ScaledProblem problem;
