@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "delassus/dense_kernels.hpp"
+
 namespace signorini {
 namespace {
 
@@ -353,30 +355,20 @@ void Assembler::multiply_blocks(const std::vector<int>& selection, const Constra
   }
   delassus.reset(sets, pairs_);
 
-  const auto multiply = [this](const Set& a, const Set& b, double* block) {  // rows of a x rows of b, column-major
-    if (a.articulated >= 0 && b.articulated >= 0) {
-      const double* ya = columns_.data() + static_cast<std::ptrdiff_t>(a.articulated) * 3 * nv_articulated_;
-      const double* yb = columns_.data() + static_cast<std::ptrdiff_t>(b.articulated) * 3 * nv_articulated_;
-      const std::uint64_t* ma = masks_.data() + static_cast<std::ptrdiff_t>(a.articulated) * words_;
-      const std::uint64_t* mb = masks_.data() + static_cast<std::ptrdiff_t>(b.articulated) * words_;
-      if (a.rows == 3 && b.rows == 3) {
-        double s[9] = {0.0};
-        for (int w = 0; w < words_; ++w)
-          for (std::uint64_t bits = ma[w] & mb[w]; bits; bits &= bits - 1) {
-            const int k = 64 * w + __builtin_ctzll(bits);
-            const double *p = ya + 3 * k, *q = yb + 3 * k;
-            for (int c = 0; c < 3; ++c)
-              for (int r = 0; r < 3; ++r) s[3 * c + r] += p[r] * q[c];
-          }
-        for (int k = 0; k < 9; ++k) block[k] += s[k];
-      } else {
-        for (int w = 0; w < words_; ++w)
-          for (std::uint64_t bits = ma[w] & mb[w]; bits; bits &= bits - 1) {
-            const int k = 64 * w + __builtin_ctzll(bits);
-            for (int c = 0; c < b.rows; ++c)
-              for (int r = 0; r < a.rows; ++r) block[c * a.rows + r] += ya[k * a.rows + r] * yb[k * b.rows + c];
-          }
-      }
+  const auto each_block = [&](auto&& visit) {
+    for (int i = 0; i < static_cast<int>(selection.size()); ++i)
+      visit(selected(i), selected(i), delassus.diagonal_block(i));
+    for (std::size_t k = 0; k < pairs_.size(); ++k)
+      visit(selected(pairs_[k].first), selected(pairs_[k].second), delassus.block(static_cast<Index>(k)));
+  };
+  multiply_articulated(selection);
+  each_block([this](const Set& a, const Set& b, double* block) {  // rows of a x rows of b, column-major
+    if (a.articulated >= 0 && b.articulated >= 0 && a.group == b.group) {
+      const Group& group = groups_[static_cast<std::size_t>(a.group)];
+      const double* from =
+          products_.data() + group.product + static_cast<std::ptrdiff_t>(b.group_row) * group.rows + a.group_row;
+      for (int c = 0; c < b.rows; ++c, from += group.rows)
+        for (int r = 0; r < a.rows; ++r) block[c * a.rows + r] = -from[r];
     }
     for (int p = 0; p < a.num_free; ++p)
       for (int q = 0; q < b.num_free; ++q) {
@@ -392,12 +384,76 @@ void Assembler::multiply_blocks(const std::vector<int>& selection, const Constra
               for (int r = 0; r < a.rows; ++r) block[c * a.rows + r] += ya[k * a.rows + r] * yb[k * b.rows + c];
         }
       }
-  };
-  for (std::size_t i = 0; i < selection.size(); ++i)
-    multiply(selected(static_cast<int>(i)), selected(static_cast<int>(i)),
-             delassus.diagonal_block(static_cast<Index>(i)));
-  for (std::size_t k = 0; k < pairs_.size(); ++k)
-    multiply(selected(pairs_[k].first), selected(pairs_[k].second), delassus.block(static_cast<Index>(k)));
+  });
+}
+
+/// products_ = -Y Y^T of the articulated rows, lower triangles, group by group: sets that share no velocity, directly
+/// or through others, are in different groups.
+void Assembler::multiply_articulated(const std::vector<int>& selection) {
+  groups_.clear();
+  group_masks_.clear();
+  for (const int i : selection) {
+    Set& set = sets_[static_cast<std::size_t>(i)];
+    if (set.articulated < 0) continue;
+    const std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_;
+    int own = -1;
+    for (int g = 0; g < static_cast<int>(groups_.size()); ++g) {
+      std::uint64_t* other = group_masks_.data() + static_cast<std::ptrdiff_t>(g) * words_;
+      bool meets = false;
+      for (int w = 0; w < words_; ++w) meets = meets || (mask[w] & other[w]);
+      if (!meets) continue;
+      if (own < 0) {
+        own = g;
+        for (int w = 0; w < words_; ++w) other[w] |= mask[w];
+      } else {  // this set joins two groups
+        std::uint64_t* joined = group_masks_.data() + static_cast<std::ptrdiff_t>(own) * words_;
+        for (int w = 0; w < words_; ++w) joined[w] |= other[w], other[w] = 0;
+        for (const int k : selection)
+          if (sets_[static_cast<std::size_t>(k)].articulated >= 0 && sets_[static_cast<std::size_t>(k)].group == g)
+            sets_[static_cast<std::size_t>(k)].group = own;
+      }
+    }
+    if (own < 0) {
+      own = static_cast<int>(groups_.size());
+      groups_.emplace_back();
+      group_masks_.insert(group_masks_.end(), mask, mask + words_);
+    }
+    set.group = own;
+  }
+  for (const int i : selection) {
+    Set& set = sets_[static_cast<std::size_t>(i)];
+    if (set.articulated < 0) continue;
+    Group& group = groups_[static_cast<std::size_t>(set.group)];
+    set.group_row = group.rows;
+    group.rows += set.rows;
+  }
+  std::size_t total = 0;
+  for (Group& group : groups_) {
+    group.product = static_cast<std::ptrdiff_t>(total);
+    total += static_cast<std::size_t>(group.rows) * static_cast<std::size_t>(group.rows);
+  }
+  products_.assign(total, 0.0);
+  for (std::size_t g = 0; g < groups_.size(); ++g) {
+    const Group& group = groups_[g];
+    if (group.rows == 0) continue;
+    dofs_.clear();
+    const std::uint64_t* mask = group_masks_.data() + static_cast<std::ptrdiff_t>(g) * words_;
+    for (int w = 0; w < words_; ++w)
+      for (std::uint64_t bits = mask[w]; bits; bits &= bits - 1) dofs_.push_back(64 * w + __builtin_ctzll(bits));
+    packed_.resize(std::max(packed_.size(), dofs_.size() * static_cast<std::size_t>(group.rows)));
+    for (const int i : selection) {
+      const Set& set = sets_[static_cast<std::size_t>(i)];
+      if (set.articulated < 0 || set.group != static_cast<int>(g)) continue;
+      const double* y = columns_.data() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_;
+      double* to = packed_.data() + set.group_row;
+      for (const int k : dofs_) {
+        for (int r = 0; r < set.rows; ++r) to[r] = y[k * set.rows + r];
+        to += group.rows;
+      }
+    }
+    dense_kernels().symmetric_update(group.rows, static_cast<int>(dofs_.size()), packed_.data(),
+                                     products_.data() + group.product);
+  }
 }
 
 void Assembler::assemble(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v,

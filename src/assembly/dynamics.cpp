@@ -329,18 +329,31 @@ void Dynamics::solve(VectorRef x) const {
   solve_half_transposed(x);
 }
 
-void Dynamics::whiten(double* y, int rows, const int* dofs, int count) const {
-  const World::Impl& w = world_->impl();
+namespace {
+
+template <int Rows>
+void whiten_rows(const double* lower, const double* inverse_sqrt_d, const std::vector<int>& parent_dof, Index stride,
+                 double* y, const int* dofs, int count) {
   for (int at = 0; at < count; ++at) {
     const int k = dofs[at];
-    const double* row = impl_->lower.data() + k * w.nv_articulated;
-    double* yk = y + static_cast<std::ptrdiff_t>(k) * rows;
-    for (int i = w.parent_dof[static_cast<std::size_t>(k)]; i >= 0; i = w.parent_dof[static_cast<std::size_t>(i)]) {
-      double* yi = y + static_cast<std::ptrdiff_t>(i) * rows;
-      for (int r = 0; r < rows; ++r) yi[r] -= row[i] * yk[r];
+    const double* row = lower + k * stride;
+    double* yk = y + static_cast<std::ptrdiff_t>(k) * Rows;
+    double own[Rows];
+    for (int r = 0; r < Rows; ++r) own[r] = yk[r];
+    for (int i = parent_dof[static_cast<std::size_t>(k)]; i >= 0; i = parent_dof[static_cast<std::size_t>(i)]) {
+      double* yi = y + static_cast<std::ptrdiff_t>(i) * Rows;
+      for (int r = 0; r < Rows; ++r) yi[r] -= row[i] * own[r];
     }
-    for (int r = 0; r < rows; ++r) yk[r] *= impl_->inverse_sqrt_d[k];
+    for (int r = 0; r < Rows; ++r) yk[r] = own[r] * inverse_sqrt_d[k];
   }
+}
+
+}  // namespace
+
+void Dynamics::whiten(double* y, int rows, const int* dofs, int count) const {
+  const World::Impl& w = world_->impl();
+  const auto whiten = rows == 3 ? &whiten_rows<3> : &whiten_rows<1>;
+  whiten(impl_->lower.data(), impl_->inverse_sqrt_d.data(), w.parent_dof, w.nv_articulated, y, dofs, count);
 }
 
 Matrix Dynamics::mass_matrix() const {

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 
 namespace signorini {
@@ -74,6 +75,7 @@ ClosestSearch::Outcome ClosestSearch::run(const Difference& difference, double r
     return Apart;
   }
   coal::Vec3s a = coal::Vec3s::Zero(), b = a, n = a;
+  farthest = std::numeric_limits<double>::infinity();
   if (gjk.status == Gjk::Collision) {
     epa.reset(kEpaIterations, kEpaTolerance * scale);
     epa.evaluate(gjk, -guess);
@@ -83,6 +85,7 @@ ClosestSearch::Outcome ClosestSearch::run(const Difference& difference, double r
     memory.hint_a = epa.support_hint[0], memory.hint_b = epa.support_hint[1];
   } else {
     gjk.getWitnessPointsAndNormal(seen_by_coal, a, b, n);
+    farthest = (a - b).norm();  // both lie in their cores
   }
   middle = 0.5 * (a + b);
   const double length = n.norm();

@@ -18,6 +18,7 @@ class ClosestSearch {
   enum Outcome { Apart, Found, Failed };
 
   Vector3 normal = Vector3::Zero(), middle = Vector3::Zero();  ///< if Found: roughly, in the frame of a
+  double farthest = 0.0;  ///< if Found: the cores are no farther apart than this; infinity where they overlap
 
   ClosestSearch();
   ~ClosestSearch();

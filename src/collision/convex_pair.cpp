@@ -92,13 +92,16 @@ struct ConvexPair::Search {
   }
 
   /// All exact normals near `start` compete.
-  void polish(const Vector3& start, Axis::Kind kind) {
+  /// farthest: no normal separates more, so that one which does as much ends the search.
+  void polish(const Vector3& start, Axis::Kind kind, double farthest = kInfinity) {
+    const auto done = [&] { return best.separation >= farthest - kClearlyBetter * scale; };
     // An order of preference: faces first, so that rounding cannot turn a face's normal into an edge's.
     Vector3 normal;
     const Vector3 start_b = -(difference.inverse_rotation * start);
     if (difference.a->face_normal(start, hint_a, normal)) propose(normal, Axis::CornerOfB, true);
     if (difference.b->face_normal(start_b, hint_b, normal))
       propose(-(difference.rotation * normal), Axis::CornerOfA, true);
+    if (done()) return;
     std::array<Vector3, 4> edges_a, edges_b;
     const int count_a = difference.a->edges(start, hint_a, edges_a);
     const int count_b = difference.b->edges(start_b, hint_b, edges_b);
@@ -111,6 +114,7 @@ struct ConvexPair::Search {
         normal *= (normal.dot(start) < 0.0 ? -1.0 : 1.0) / sine;
         if (propose(normal, Axis::Edges)) best.edge_a = edges_a[i], best.edge_b = edges_b[j];
       }
+    if (done()) return;
     const auto on_circle = [&](const Vector3& edge, Axis::Kind its_kind) {
       const Vector3 across = start - edge * edge.dot(start);
       if (across.squaredNorm() > 0.5) propose(ascend(across.normalized(), &edge), its_kind);
@@ -158,7 +162,7 @@ struct ConvexPair::Search {
     const ClosestSearch::Outcome outcome = closest_search.run(difference, reach, scale, memory);
     if (outcome == ClosestSearch::Apart) return false;
     hint_a = memory.hint_a, hint_b = memory.hint_b;
-    if (outcome == ClosestSearch::Found) polish(closest_search.normal, Axis::Searched);
+    if (outcome == ClosestSearch::Found) polish(closest_search.normal, Axis::Searched, closest_search.farthest);
     // EPA can lose its way where the cores just touch, and then reports a depth along some other side.
     if (outcome == ClosestSearch::Failed || best.separation < -kDeep * scale) search_everywhere(guess);
     if (!(best.separation > -kInfinity)) return false;

@@ -226,6 +226,8 @@ void multiply(int m, int n, const double* a, int lda, const double* x, double* y
   if (i < m) product_rows<1, true>(n, a + i, lda, x, y + i, m - i);
 }
 
+void symmetric_update(int n, int k, const double* a, double* c) { symmetric_minus(n, 0, k, a, n, c, n); }
+
 int factor_front(int p, int u, double* l, double* up, double* s, int* pivots) {
   const int n = p + u;
   int sign = 1;

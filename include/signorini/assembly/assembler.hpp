@@ -35,12 +35,13 @@ class Assembler {
   struct Set {
     SetSource source = SetSource::Contact;
     int index = 0, row = 0;
-    int start = 0, rows = 0;  ///< among the rows of all sets
-    int offset = -1;          ///< in the problem; -1: left out
-    double correction = 0.0;  ///< added to the last row of g [m/s]
-    double compliance = 0.0;  ///< of the last row [1/kg]
-    int articulated = -1;     ///< slot of its articulated columns, or -1
-    int num_free = 0;         ///< free bodies it acts on
+    int start = 0, rows = 0;        ///< among the rows of all sets
+    int offset = -1;                ///< in the problem; -1: left out
+    double correction = 0.0;        ///< added to the last row of g [m/s]
+    double compliance = 0.0;        ///< of the last row [1/kg]
+    int articulated = -1;           ///< slot of its articulated columns, or -1
+    int group = -1, group_row = 0;  ///< of articulated sets that share velocities; first row in its product
+    int num_free = 0;               ///< free bodies it acts on
     int free[2] = {0, 0};
     double y[2][18];    ///< rows x 6 each, column-major, whitened
     Matrix3 frame;      ///< Contact: columns t1, t2, n in the world
@@ -84,6 +85,7 @@ class Assembler {
                const std::vector<ContactPoint>& contacts);
   /// G of the sets of `selection`, whose rows are `sets`.
   void multiply_blocks(const std::vector<int>& selection, const ConstraintSets& sets, BlockDelassus& delassus);
+  void multiply_articulated(const std::vector<int>& selection);
   void write_problem();
   double largest_left_out() const;
   bool violated(const Set& set, const double* sigma, Law law) const;
@@ -109,6 +111,13 @@ class Assembler {
   std::vector<std::uint64_t> support_masks_;  // by frame
   std::vector<std::uint64_t> chain_masks_;    // by velocity: itself and all before it
   std::vector<int> dofs_;
+  struct Group {
+    int rows = 0;
+    std::ptrdiff_t product = 0;  // start in products_
+  };
+  std::vector<Group> groups_;
+  std::vector<std::uint64_t> group_masks_;  // by group: velocities in use
+  std::vector<double> packed_, products_;
   std::vector<int> articulated_sets_;  // below: numbers in the selection
   std::vector<std::vector<int>> sets_of_free_;
   std::vector<int> touched_free_;
