@@ -57,7 +57,10 @@ test-examples: $(venv)/installed
 bench: $(venv)/installed
 	for name in convergence scaling $(if $(SIGNORINI_DATA),profiles updates robustness peers); do \
 	  $(bin)/signorini experiment $$name --quick --output results/$$name || exit 1; done
-	$(if $(SIGNORINI_DATA),,@echo "Without problem files (SIGNORINI_DATA), four of the six experiments are left out.")
+	for scene in boxes cube-stack humanoid spheres; do \
+	  $(bin)/signorini run $$scene --duration 2 --hardest results/hardest_steps/$$scene || exit 1; done
+	$(bin)/signorini experiment robustness --data results/hardest_steps --quick --output results/hardest_steps
+	$(if $(SIGNORINI_DATA),,@echo "Without problem files (SIGNORINI_DATA), four of the experiments are left out.")
 
 ## make lint: formats, ruff, mypy
 lint: $(venv)/installed

@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 
 import signorini
+from signorini._hardest import Hardest
 from signorini.cli._output import finite, report, write_json
 from signorini.cli.solve import Law, Solver
 
@@ -69,6 +70,9 @@ def run(
     solver: Annotated[Solver, typer.Option(help="The method; auto chooses.")] = Solver.AUTO,
     tolerance: Annotated[float, typer.Option(help="On the relative residual of each step, in (0, 1).")] = 1e-6,
     record: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep states and certificates (HDF5).")] = None,
+    hardest: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Keep the problems of the 10 hardest steps (FCLIB).")
+    ] = None,
     json_file: Annotated[
         str | None, typer.Option("--json", metavar="FILE|-", help="Write JSON to FILE, or to standard output.")
     ] = None,
@@ -88,7 +92,9 @@ def run(
             raise signorini.InvalidInputError(f"duration: is {length}, must be in (0, 1e6] s")
         for warning in world.warnings:
             errors.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
-        result = simulate(simulator, scene, max(1, round(length / dt)), source, record, errors)
+        kept = Hardest(simulator) if hardest is not None else None
+        result = simulate(simulator, scene, max(1, round(length / dt)), source, record, errors, kept)
+        files, left_out = kept.write(hardest, scene) if kept is not None and hardest is not None else ([], 0)
     except (signorini.InvalidInputError, OSError, ImportError) as error:
         report(errors, error)
         raise typer.Exit(2) from None
@@ -100,6 +106,10 @@ def run(
         print_result(result)
         if record is not None:
             print(f"recorded in {record}")
+        if files:
+            print(f"hardest steps: {len(files)} files in {hardest}")
+    if left_out:
+        errors.print(f"warning: {left_out} of the hardest steps have joint friction, which FCLIB files cannot hold")
     if failed:
         raise typer.Exit(2)
     raise typer.Exit(0 if result["solver"]["unsolved"] == 0 else 1)
@@ -120,6 +130,7 @@ def simulate(
     source: Source,
     record: Path | None,
     errors: Console,
+    hardest: Hardest | None = None,
 ) -> dict[str, Any]:
     """Runs with a progress bar and, if asked, a recording; returns what --json writes."""
     from signorini import recording
@@ -140,7 +151,11 @@ def simulate(
             task = progress.add_task(name, total=num_steps)
             for first in range(0, num_steps, BLOCK):
                 count = min(BLOCK, num_steps - first)
+                if hardest is not None:
+                    hardest.watch()
                 traces.append(simulator.run(count, keep_states=recorder is not None))
+                if hardest is not None:
+                    hardest.add(traces[-1])
                 if recorder is not None:
                     recorder.add(traces[-1])
                 progress.advance(task, count)
