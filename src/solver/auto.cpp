@@ -15,9 +15,10 @@ namespace {
 constexpr double kAim = 1e-4;   // of the tolerance: what Newton aims at from a guess, if the settings do not say
 constexpr int kWarmNewton = 5;  // iterations granted to Newton from a guess
 constexpr int kWarmPatience = 8, kWarmSteps = 15;
-constexpr double kFirstFinish = 1e-6;               // certificate at which Newton first tries to finish
-constexpr double kFirstProximal = 1e-4;             // certificate at which proximal Newton tries, once a start
-constexpr int kWarmProximal = 15, kProximal = 150;  // factorisations granted to it
+constexpr double kFirstFinish = 1e-6;    // certificate at which Newton first tries to finish
+constexpr double kFirstProximal = 1e-4;  // certificate at which proximal Newton tries, once a start
+constexpr double kWeight = 3e-4, kWeightShare = 30.0, kHighWeight = 0.3;  // its first weight; late: of the certificate
+constexpr int kWarmProximal = 15, kProximal = 150;                        // factorisations granted to it
 constexpr int kFinish = 3, kLateFinish = 6, kLastFinish = 12;
 constexpr int kLate = 25;  // interior-point iterations after which Newton tries earlier
 constexpr double kLateFactor = 100.0;
@@ -105,6 +106,10 @@ class Ladder {
       if (interior_point(nullptr, options, kPatience, num_sets > kLarge ? kLate : kSteps)) return;
       if (acceptable()) return;
       if (out_of_budget()) break;
+      if (proximal_ && !tried_proximal_) {
+        const double weight = std::clamp(kWeightShare * w_.interior_point.relative(), kWeight, kHighWeight);
+        if (proximal_newton(w_.interior_point.impulse(), kProximal, weight)) return;
+      }
       if (may_repair_ && num_sets > kLarge && repair()) return;
       if (newton(w_.interior_point.impulse(), kLastFinish)) return;
     }
@@ -283,10 +288,10 @@ class Ladder {
     }
   }
 
-  bool proximal_newton(const GrowVector& from, int max_factorizations) {
+  bool proximal_newton(const GrowVector& from, int max_factorizations, double weight = kWeight) {
     w_.newton.l = from;
     const NewtonResult result =
-        proximal_newton_iterations(problem_, tolerance_, max_factorizations, w_.newton, observer());
+        proximal_newton_iterations(problem_, tolerance_, weight, max_factorizations, w_.newton, observer());
     iterations += result.iterations;
     factorizations += result.factorizations;
     offer(w_.newton.best, result.relative, SolverType::Newton);
@@ -310,7 +315,7 @@ class Ladder {
     InteriorPoint& interior = w_.interior_point;
     interior.options = options;
     interior.start(problem_, law_, guess);
-    bool tried_proximal = false;
+    tried_proximal_ = false;
     double next = kFirstFinish, milestone = std::numeric_limits<double>::infinity();
     int since = 0;
     while (true) {
@@ -320,8 +325,8 @@ class Ladder {
       if (relative <= 0.5 * milestone) milestone = relative, since = 0;
       if (++since > patience || interior.iterations() >= max_steps || out_of_budget()) return false;
       const bool late = interior.held_back() || interior.iterations() > kLate;
-      if (proximal_ && relative <= kFirstProximal && !tried_proximal) {
-        tried_proximal = true;
+      if (proximal_ && relative <= kFirstProximal && !tried_proximal_) {
+        tried_proximal_ = true;
         if (proximal_newton(interior.impulse(), kProximal)) return true;
       }
       if (relative <= next * (late ? kLateFactor : 1.0)) {
@@ -348,7 +353,7 @@ class Ladder {
   ContactProblem part_;
   Law law_;
   double tolerance_, aim_, global_reference_, patch_work_ = 0.0;
-  bool active_newton_ = false, proximal_ = false;
+  bool active_newton_ = false, proximal_ = false, tried_proximal_ = false;
   int max_factorizations_;
   bool may_repair_;  // false inside a patch
   AutoWorkspace& w_;

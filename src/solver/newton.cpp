@@ -21,10 +21,9 @@ constexpr double kActiveDelta = 1e-2, kSmallestActiveDelta = 1e-9;
 constexpr int kChords = 4;          // steps with one factor after the first
 constexpr double kChordGain = 0.3;  // what such a step must leave of the residual, at most
 constexpr double kLeastGain = 0.3;  // what an iteration must leave, once the tolerance holds
-// Proximal steps: first and largest weight, what an inner solve has to leave of the residual, its iterations, and how
-// the weight moves.
-constexpr double kFirstWeight = 3e-4, kLargestWeight = 1.0, kProximalGain = 0.1, kConverged = 0.3, kHarder = 10.0,
-                 kEasier = 0.5;
+// Proximal steps: the largest weight, what an inner solve aims at and has to leave of the residual, its iterations, and
+// how the weight moves.
+constexpr double kLargestWeight = 1.0, kProximalGain = 0.1, kConverged = 0.3, kHarder = 10.0, kEasier = 0.5;
 constexpr int kProximalPatience = 60;  // factorisations without halving the residual after which it gives up
 constexpr int kProximalSteps = 15, kFewSteps = 4;
 constexpr double kSameDirection = 0.9;  // cosine between two proximal steps beyond which the second one is doubled
@@ -376,7 +375,7 @@ NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, 
   return result;
 }
 
-NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance, int max_factorizations,
+NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance, double weight, int max_factorizations,
                                         NewtonMemory& m, const IterateObserver& observe) {
   const NoMalloc guard;
   NewtonResult result;
@@ -390,7 +389,7 @@ NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance
   m.move.setZero(m.l.size());
   double relative = evaluate(m.centre);  // of m.last
   result.relative = relative;
-  double weight = kFirstWeight, milestone = relative;
+  double milestone = relative;
   int since = 0;  // factorisations since the residual has halved
   while (since < kProximalPatience && result.relative > tolerance && result.factorizations < max_factorizations &&
          weight <= kLargestWeight) {

@@ -44,8 +44,8 @@ NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, 
 
 /// Proximal point method on the NCP: each step solves, by active_newton_iterations(), the problem with a quadratic term
 /// that holds the impulse near the last one. Far more robust than Newton alone where redundant contacts leave the
-/// impulse nearly free. For systems that reduce() only.
-NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance, int max_factorizations,
+/// impulse nearly free. For systems that reduce() only. weight: of that term in the first step.
+NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance, double weight, int max_factorizations,
                                         NewtonMemory& memory, const IterateObserver& observe = {});
 
 struct NewtonWorkspace {
