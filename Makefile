@@ -64,7 +64,7 @@ bench: $(venv)/installed
 
 ## make lint: formats, ruff, mypy
 lint: $(venv)/installed
-	$(bin)/clang-format --dry-run --Werror $(cpp_files)
+	@$(bin)/clang-format --dry-run --Werror $(cpp_files)
 	$(bin)/ruff check .
 	$(bin)/ruff format --check .
 	$(bin)/mypy
