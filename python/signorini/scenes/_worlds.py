@@ -139,12 +139,16 @@ def humanoid(height: float | None = None) -> Start:
 
 
 def talos_fall(height: float = 0.02, *, self_collision: bool = True, friction: float = 0.8) -> Start:
-    """The humanoid Talos in half-sitting pose, its soles `height` above the ground [m], unactuated: it falls."""
+    """The humanoid Talos in half-sitting pose, its soles `height` above the ground [m], unactuated: it falls.
+
+    Links touch unless the robot's SRDF file says that they never do.
+    """
     from signorini.load import load, srdf
 
     _check(height=(height, 0.0, 1e3), friction=(friction, 0.0, 1e3))
     folder = robots_folder() / "talos_data"
-    state = srdf.read(folder / "srdf" / "talos.srdf").states["half_sitting"]
+    srdf_file = folder / "srdf" / "talos.srdf"
+    state = srdf.read(srdf_file).states["half_sitting"]
     material = _material(friction)
 
     def pose(world: World) -> Array:
@@ -159,6 +163,7 @@ def talos_fall(height: float = 0.02, *, self_collision: bool = True, friction: f
         material=material,
         ground_material=material,
         self_collision=self_collision,
+        srdf=srdf_file,
         exclude_overlapping=pose,
     )
     return Start(world, pose(world), np.zeros(world.num_v))
