@@ -131,31 +131,43 @@ void Assembler::add_velocity(Set& set, Index v, double factor) {
   for (int w = 0; w < words_; ++w) mask[w] |= chain_masks_[static_cast<std::size_t>(v * words_ + w)];
 }
 
-void Assembler::whiten(const Dynamics& dynamics) {
-  for (Set& set : sets_) {
-    if (set.articulated >= 0) {
-      const std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_;
-      dofs_.clear();
-      for (int w = words_ - 1; w >= 0; --w)
-        for (std::uint64_t bits = mask[w]; bits;) {
-          const int top = 63 - __builtin_clzll(bits);
-          dofs_.push_back(64 * w + top);
-          bits ^= std::uint64_t{1} << top;
-        }
-      dynamics.whiten(columns_.data() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_, set.rows,
+void Assembler::whiten(Set& set) {
+  if (set.articulated >= 0) {
+    const std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_;
+    dofs_.clear();
+    for (int w = words_ - 1; w >= 0; --w)
+      for (std::uint64_t bits = mask[w]; bits;) {
+        const int top = 63 - __builtin_clzll(bits);
+        dofs_.push_back(64 * w + top);
+        bits ^= std::uint64_t{1} << top;
+      }
+    dynamics_->whiten(columns_.data() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_, set.rows,
                       dofs_.data(), static_cast<int>(dofs_.size()));
-    }
-    for (int side = 0; side < set.num_free; ++side) {
-      const auto& whitener = dynamics.free_whitener(set.free[side]);  // upper triangular
-      double* y = set.y[side];
-      for (int c = 5; c >= 0; --c)
-        for (int r = 0; r < set.rows; ++r) {
-          double value = 0.0;
-          for (int k = 0; k <= c; ++k) value += y[k * set.rows + r] * whitener(k, c);
-          y[c * set.rows + r] = value;
-        }
-    }
   }
+  for (int side = 0; side < set.num_free; ++side) {
+    const auto& whitener = dynamics_->free_whitener(set.free[side]);  // upper triangular
+    double* y = set.y[side];
+    for (int c = 5; c >= 0; --c)
+      for (int r = 0; r < set.rows; ++r) {
+        double value = 0.0;
+        for (int k = 0; k <= c; ++k) value += y[k * set.rows + r] * whitener(k, c);
+        y[c * set.rows + r] = value;
+      }
+  }
+}
+
+/// Rows of a set that has none yet; those of joint friction and equalities only have to be whitened.
+void Assembler::build_rows(Set& set) {
+  if (set.built) return;
+  set.built = true;
+  if (set.source == SetSource::Contact) {
+    add_point(*dynamics_, set, set.frame_a, set.point, -1.0);
+    add_point(*dynamics_, set, set.frame_b, set.point, 1.0);
+  } else if (set.source == SetSource::LowerLimit || set.source == SetSource::UpperLimit) {
+    add_velocity(set, world_->joints()[static_cast<std::size_t>(set.index)].v_index,
+                 set.source == SetSource::LowerLimit ? 1.0 : -1.0);
+  }
+  whiten(set);
 }
 
 double Assembler::rigid_correction(double gap) const {
@@ -176,7 +188,7 @@ void Assembler::set_spring(Set& set, double gap, double stiffness, double dampin
   set.correction = stiffness * gap / k;
 }
 
-void Assembler::add_contacts(const Dynamics& dynamics, const std::vector<ContactPoint>& contacts) {
+void Assembler::add_contacts(const std::vector<ContactPoint>& contacts) {
   const std::vector<Geometry>& geometries = world_->geometries();
   for (std::size_t i = 0; i < contacts.size(); ++i) {
     const ContactPoint& contact = contacts[i];
@@ -185,10 +197,9 @@ void Assembler::add_contacts(const Dynamics& dynamics, const std::vector<Contact
     set.material = mix(geometries[static_cast<std::size_t>(contact.geometry_a)].material,
                        geometries[static_cast<std::size_t>(contact.geometry_b)].material);
     all_sets_.add_friction_cone(set.material.friction);
-    const int frame_a = geometry_frame_[static_cast<std::size_t>(contact.geometry_a)];
-    const int frame_b = geometry_frame_[static_cast<std::size_t>(contact.geometry_b)];
-    add_point(dynamics, set, frame_a, contact.position, -1.0);
-    add_point(dynamics, set, frame_b, contact.position, 1.0);
+    set.frame_a = geometry_frame_[static_cast<std::size_t>(contact.geometry_a)];
+    set.frame_b = geometry_frame_[static_cast<std::size_t>(contact.geometry_b)];
+    set.point = contact.position;
     set_spring(set, contact.distance, set.material.stiffness / contact.patch_size,
                set.material.damping / contact.patch_size, true);
   }
@@ -205,7 +216,6 @@ void Assembler::add_limits(const ConstVectorRef& q, const ConstVectorRef& v, con
       const double gap = lower ? below : above;
       if (!(gap <= reach)) continue;
       Set& set = new_set(lower ? SetSource::LowerLimit : SetSource::UpperLimit, j, 0, 1);
-      add_velocity(set, joint.v_index, lower ? 1.0 : -1.0);
       set.correction = rigid_correction(gap);
       all_sets_.add_half_line();
     }
@@ -288,26 +298,53 @@ void Assembler::row_product(const Set& set, const Vector& whitened, double* out)
 
 /// g and R; a bounce replaces the gap's correction where the approach is fast and would close the gap in this step
 /// (S8).
-void Assembler::correct(const Dynamics& dynamics, const ConstVectorRef& v, const ConstVectorRef& free_v,
-                        const std::vector<ContactPoint>& contacts) {
-  free_whitened_ = free_v;
-  dynamics.multiply_half_transposed(free_whitened_);
-  bool bounces = false;
-  for (const Set& set : sets_)
+void Assembler::set_velocity(const Set& set, const ConstVectorRef& u, const Vector& whitened,
+                             const std::vector<Twist>& twists, double* velocity) const {
+  switch (set.source) {
+    case SetSource::Contact: {
+      const Vector3 relative = twists[static_cast<std::size_t>(set.frame_b)].at(set.point) -
+                               twists[static_cast<std::size_t>(set.frame_a)].at(set.point);
+      Eigen::Map<Vector3>{velocity} = set.frame.transpose() * relative;
+      break;
+    }
+    case SetSource::LowerLimit:
+      *velocity = u[world_->joints()[static_cast<std::size_t>(set.index)].v_index];
+      break;
+    case SetSource::UpperLimit:
+      *velocity = -u[world_->joints()[static_cast<std::size_t>(set.index)].v_index];
+      break;
+    case SetSource::JointFriction:
+      *velocity = u[set.index];
+      break;
+    case SetSource::Equality:
+      row_product(set, whitened, velocity);
+      break;
+  }
+}
+
+/// g and R; a bounce replaces the gap's correction where the approach is fast and would close the gap in this step
+/// (S8).
+void Assembler::correct(const ConstVectorRef& v, const std::vector<ContactPoint>& contacts) {
+  dynamics_->twists(free_v_, twists_);
+  bool bounces = false, equalities = false;
+  for (const Set& set : sets_) {
     bounces = bounces || (set.source == SetSource::Contact && set.material.restitution > 0.0);
-  if (bounces) {
-    whitened_ = v;
-    dynamics.multiply_half_transposed(whitened_);
+    equalities = equalities || set.source == SetSource::Equality;
+  }
+  if (bounces) dynamics_->twists(v, twists_now_);
+  if (equalities) {
+    whitened_ = free_v_;
+    dynamics_->multiply_half_transposed(whitened_);
   }
   g_.resize(rows_);
   for (Set& set : sets_) {
     double* g = g_.data() + set.start;
-    row_product(set, free_whitened_, g);
+    set_velocity(set, free_v_, whitened_, twists_, g);
     const int last = set.rows - 1;
     if (bounces && set.source == SetSource::Contact && set.material.restitution > 0.0) {
       const double gap = contacts[static_cast<std::size_t>(set.index)].distance;
       double now[3];
-      row_product(set, whitened_, now);
+      set_velocity(set, v, whitened_, twists_now_, now);
       if (now[2] < -settings_.restitution_threshold && gap + settings_.time_step * g[2] <= 0.0)
         set.correction = std::isinf(set.material.stiffness) ? set.material.restitution * now[2]
                                                             : set.correction + set.material.restitution * now[2];
@@ -477,12 +514,15 @@ void Assembler::assemble(const Dynamics& dynamics, const ConstVectorRef& q, cons
                 6 * world_->constraints().size());
   rows_ = num_slots_ = 0;
   all_sets_.clear();
-  add_contacts(dynamics, contacts);
+  dynamics_ = &dynamics;
+  free_v_ = free_v;
+  add_contacts(contacts);
   add_limits(q, v, free_v);
   add_joint_friction();
   add_equalities(dynamics, q, v);
-  whiten(dynamics);
-  correct(dynamics, v, free_v, contacts);
+  for (Set& set : sets_)
+    if (set.source == SetSource::JointFriction || set.source == SetSource::Equality) build_rows(set);
+  correct(v, contacts);
 }
 
 /// An impulse of zero does not do for this set at the velocity sigma, of which sigma points at its rows.
@@ -497,6 +537,7 @@ void Assembler::write_problem() {
   int rows = 0;
   for (const int i : selection_) {
     Set& set = sets_[static_cast<std::size_t>(i)];
+    build_rows(set);
     set.offset = rows;
     rows += set.rows;
     constraint_sets_.add(all_sets_[i]);
@@ -512,22 +553,27 @@ void Assembler::write_problem() {
   problem_.assign(delassus_, problem_g_, constraint_sets_, problem_compliance_, largest_left_out());
 }
 
-/// max |g| / sqrt(d) over the sets left out, d as in ContactProblem::scale().
-double Assembler::largest_left_out() const {
-  double largest = 0.0;
-  for (const Set& set : sets_) {
+/// |g| / sqrt(d) of the set left out whose |g| is largest, d as in ContactProblem::scale(): about the largest such
+/// value, and never more.
+double Assembler::largest_left_out() {
+  Set* farthest = nullptr;
+  double square = 0.0;
+  for (Set& set : sets_) {
     if (set.offset >= 0) continue;
-    double trace = set.compliance, square = 0.0;
-    for (int r = 0; r < set.rows; ++r) square += g_[set.start + r] * g_[set.start + r];
-    if (set.articulated >= 0) {
-      const double* y = columns_.data() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_;
-      for (Index k = 0; k < set.rows * nv_articulated_; ++k) trace += y[k] * y[k];
-    }
-    for (int side = 0; side < set.num_free; ++side)
-      for (int k = 0; k < 6 * set.rows; ++k) trace += set.y[side][k] * set.y[side][k];
-    if (trace > 0.0) largest = std::max(largest, square * set.rows / trace);
+    double own = 0.0;
+    for (int r = 0; r < set.rows; ++r) own += g_[set.start + r] * g_[set.start + r];
+    if (own > square) square = own, farthest = &set;
   }
-  return std::sqrt(largest);
+  if (!farthest) return 0.0;
+  build_rows(*farthest);
+  double trace = farthest->compliance;
+  if (farthest->articulated >= 0) {
+    const double* y = columns_.data() + static_cast<std::ptrdiff_t>(farthest->articulated) * 3 * nv_articulated_;
+    for (Index k = 0; k < farthest->rows * nv_articulated_; ++k) trace += y[k] * y[k];
+  }
+  for (int side = 0; side < farthest->num_free; ++side)
+    for (int k = 0; k < 6 * farthest->rows; ++k) trace += farthest->y[side][k] * farthest->y[side][k];
+  return trace > 0.0 ? std::sqrt(square * farthest->rows / trace) : 0.0;
 }
 
 void Assembler::select(const ConstVectorRef& guess, Law law) {
@@ -542,15 +588,19 @@ void Assembler::select(const ConstVectorRef& guess, Law law) {
 }
 
 bool Assembler::select_violated(const ConstVectorRef& impulse, Law law, VectorRef sigma) {
-  whitened_.setZero(free_whitened_.size());
+  whitened_.setZero(free_v_.size());
   for (const int i : selection_) add_row_products(sets_[static_cast<std::size_t>(i)], impulse);
+  dynamics_->solve_half_transposed(whitened_);
+  velocity_ = free_v_ + whitened_;
+  if (selection_.size() == sets_.size()) return false;
+  dynamics_->twists(velocity_, twists_);
   const std::size_t before = selection_.size();
   for (std::size_t i = 0; i < sets_.size(); ++i) {
     const Set& set = sets_[i];
     if (set.offset >= 0) continue;
     double* own = sigma.data() + set.start;
-    row_product(set, whitened_, own);
-    for (int r = 0; r < set.rows; ++r) own[r] += g_[set.start + r];
+    set_velocity(set, velocity_, whitened_, twists_, own);
+    own[set.rows - 1] += set.correction;
     if (violated(set, own, law)) selection_.push_back(static_cast<int>(i));
   }
   if (selection_.size() == before) return false;
@@ -564,6 +614,7 @@ ContactProblem Assembler::whole_problem() {
   Vector compliance = Vector::Zero(rows_);
   for (std::size_t i = 0; i < sets_.size(); ++i) {
     all[i] = static_cast<int>(i);
+    build_rows(sets_[i]);
     compliance[sets_[i].start + sets_[i].rows - 1] = sets_[i].compliance;
   }
   const auto delassus = std::make_shared<BlockDelassus>();
@@ -588,11 +639,6 @@ void Assembler::add_row_products(const Set& set, const ConstVectorRef& impulse) 
     for (int k = 0; k < 6; ++k)
       for (int r = 0; r < set.rows; ++r) out[k] += set.y[side][k * set.rows + r] * x[r];
   }
-}
-
-void Assembler::add_impulse(const Dynamics& dynamics, VectorRef v) {
-  dynamics.solve_half_transposed(whitened_);
-  v += whitened_;
 }
 
 }  // namespace signorini

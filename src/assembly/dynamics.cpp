@@ -111,6 +111,28 @@ Dynamics::Dynamics(Dynamics&&) noexcept = default;
 Index Dynamics::num_articulated() const { return world_->impl().nv_articulated; }
 const std::vector<int>& Dynamics::parent_dof() const { return world_->impl().parent_dof; }
 int Dynamics::num_free_bodies() const { return static_cast<int>(world_->impl().free_bodies.size()); }
+void Dynamics::twists(const ConstVectorRef& v, std::vector<Twist>& out) const {
+  out.resize(frames_.size());
+  for (int frame = 0; frame < static_cast<int>(frames_.size()); ++frame) {
+    Twist& twist = out[static_cast<std::size_t>(frame)];
+    const int free = frame > 0 ? free_body(frame) : -1;
+    if (free >= 0) {
+      const Placement& placement = frames_[static_cast<std::size_t>(frame)];
+      const Index at = free_v(free);
+      twist.angular = placement.rotation * v.segment<3>(at + 3);
+      twist.linear = placement.rotation * v.segment<3>(at) - twist.angular.cross(placement.translation);
+      continue;
+    }
+    twist = Twist();
+    if (frame == 0) continue;
+    for (const int k : support(frame)) {
+      const double* m = motion(k);
+      twist.linear += v[k] * Vector3(m[0], m[1], m[2]);
+      twist.angular += v[k] * Vector3(m[3], m[4], m[5]);
+    }
+  }
+}
+
 Index Dynamics::free_v(int body) const { return world_->impl().free_bodies[static_cast<std::size_t>(body)].v; }
 const Matrix6& Dynamics::free_whitener(int body) const {
   return impl_->free[static_cast<std::size_t>(body)].w_inverse_t;

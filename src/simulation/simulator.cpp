@@ -214,6 +214,7 @@ struct Simulator::Impl {
   double time = 0.0;
   Matrix wrench;
   Vector force, implicit, free_v;
+  Vector step_q, step_v;      // at the start of the last step
   GrowVector impulse, sigma;  // of all sets, those left out of the problem too
 
   // Impulses of the last step, for the next one to start from: of the contacts in world axes, three a point; of limits
@@ -243,7 +244,13 @@ Matrix& Simulator::external_wrench() { return impl_->wrench; }
 const StepReport& Simulator::report() const { return impl_->report; }
 const Assembler& Simulator::assembler() const { return impl_->assembler; }
 ConstVectorRef Simulator::impulse() const { return impl_->impulse; }
-ContactProblem Simulator::contact_problem() { return impl_->assembler.whole_problem(); }
+ContactProblem Simulator::contact_problem() {
+  Impl& s = *impl_;
+  if (s.assembler.sets().empty()) return ContactProblem();
+  s.dynamics.update(s.step_q, s.step_v);  // as they were when the sets were made
+  s.dynamics.factor(s.implicit);
+  return s.assembler.whole_problem();
+}
 
 /// force: everything but M dv/dt, with springs, dampers and gains taken at the end of the step: what depends on the new
 /// velocity goes to `implicit` (S2).
@@ -392,6 +399,8 @@ void Simulator::step() {
   require_finite("external_wrench", Eigen::Map<const Vector>(s.wrench.data(), s.wrench.size()));
   if (!s.world->normalize(s.q)) throw InvalidInput("q", "has a quaternion of length 0");
 
+  s.step_q = s.q, s.step_v = s.v;
+
   // Velocity at the end of the step without constraint impulses (S1, S2).
   s.dynamics.update(s.q, s.v);
   s.sum_forces();
@@ -409,7 +418,7 @@ void Simulator::step() {
   s.keep_impulses();
 
   // Velocity, position.
-  s.assembler.add_impulse(s.dynamics, s.free_v);
+  s.free_v = s.assembler.velocity();
   require_finite("v (after the step)", s.free_v);
   s.v = s.free_v;
   advance(*s.world, s.settings.time_step, s.q, s.v);

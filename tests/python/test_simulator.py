@@ -170,7 +170,7 @@ def test_the_certificate_holds_for_contacts_left_out_of_the_solve_too(law):
         impulse = np.concatenate([simulator.settings.time_step * c.force_local for c in simulator.contacts] or [[]])
         certificate = signorini.residual(problem, impulse, law=law)
         assert certificate.relative <= simulator.settings.tolerance
-        assert certificate.relative == pytest.approx(report.residual.relative, abs=1e-9)
+        assert certificate.relative <= report.residual.relative * (1.0 + 1e-6) + 1e-12
     assert left_out > 0
 
 

@@ -35,6 +35,7 @@ class Assembler {
   struct Set {
     SetSource source = SetSource::Contact;
     int index = 0, row = 0;
+    bool built = false;             ///< has its rows Y; contacts and limits get them when they join the problem
     int start = 0, rows = 0;        ///< among the rows of all sets
     int offset = -1;                ///< in the problem; -1: left out
     double correction = 0.0;        ///< added to the last row of g [m/s]
@@ -43,9 +44,11 @@ class Assembler {
     int group = -1, group_row = 0;  ///< of articulated sets that share velocities; first row in its product
     int num_free = 0;               ///< free bodies it acts on
     int free[2] = {0, 0};
-    double y[2][18];    ///< rows x 6 each, column-major, whitened
-    Matrix3 frame;      ///< Contact: columns t1, t2, n in the world
-    Material material;  ///< Contact: mixed
+    double y[2][18];               ///< rows x 6 each, column-major, whitened
+    Matrix3 frame;                 ///< Contact: columns t1, t2, n in the world
+    Vector3 point;                 ///< Contact: in the world
+    int frame_a = 0, frame_b = 0;  ///< Contact: what it moves with
+    Material material;             ///< Contact: mixed
   };
 
   Assembler(std::shared_ptr<const World> world, const CorrectionSettings& settings);
@@ -64,8 +67,8 @@ class Assembler {
   /// Adds the sets which the answer to problem() violates; false if there are none. impulse, sigma: num_rows values,
   /// of the sets in the problem; sigma receives the velocities of the others.
   bool select_violated(const ConstVectorRef& impulse, Law law, VectorRef sigma);
-  /// v += M^^-1 J^T impulse, for the impulse that select_violated() was asked of last.
-  void add_impulse(const Dynamics& dynamics, VectorRef v);
+  /// Velocity with the impulse that select_violated() was asked of last: free_v + M^^-1 J^T impulse.
+  const Vector& velocity() const { return velocity_; }
 
   /// The problem of all sets, for those who want to see it.
   ContactProblem whole_problem();
@@ -76,18 +79,21 @@ class Assembler {
   void add_point(const Dynamics& dynamics, Set& set, int frame, const Vector3& point, double sign);
   void add_rotation(const Dynamics& dynamics, Set& set, int frame, double sign);
   void add_velocity(Set& set, Index v, double factor);
-  void whiten(const Dynamics& dynamics);
-  void add_contacts(const Dynamics& dynamics, const std::vector<ContactPoint>& contacts);
+  void build_rows(Set& set);
+  void whiten(Set& set);
+  /// velocity = J u of a set, from u or, for equalities, from W^T u; twists: those of the frames at u.
+  void set_velocity(const Set& set, const ConstVectorRef& u, const Vector& whitened, const std::vector<Twist>& twists,
+                    double* velocity) const;
+  void add_contacts(const std::vector<ContactPoint>& contacts);
   void add_limits(const ConstVectorRef& q, const ConstVectorRef& v, const ConstVectorRef& free_v);
   void add_joint_friction();
   void add_equalities(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v);
-  void correct(const Dynamics& dynamics, const ConstVectorRef& v, const ConstVectorRef& free_v,
-               const std::vector<ContactPoint>& contacts);
+  void correct(const ConstVectorRef& v, const std::vector<ContactPoint>& contacts);
   /// G of the sets of `selection`, whose rows are `sets`.
   void multiply_blocks(const std::vector<int>& selection, const ConstraintSets& sets, BlockDelassus& delassus);
   void multiply_articulated(const std::vector<int>& selection);
   void write_problem();
-  double largest_left_out() const;
+  double largest_left_out();
   bool violated(const Set& set, const double* sigma, Law law) const;
   double rigid_correction(double gap) const;
   /// The spring with damper as correction and compliance of a row (S7); rigid where stiffness is infinite.
@@ -96,6 +102,7 @@ class Assembler {
   void add_row_products(const Set& set, const ConstVectorRef& impulse);
 
   std::shared_ptr<const World> world_;
+  const Dynamics* dynamics_ = nullptr;  // of the last assemble()
   CorrectionSettings settings_;
   std::vector<int> geometry_frame_;
   std::vector<int> limited_joints_;
@@ -127,7 +134,8 @@ class Assembler {
   std::vector<int> selection_;                 // the sets in the problem
   std::shared_ptr<BlockDelassus> delassus_;
   ContactProblem problem_;
-  Vector free_whitened_, whitened_;
+  Vector free_v_, velocity_, whitened_;
+  std::vector<Twist> twists_, twists_now_;
   GrowVector g_, problem_g_, problem_compliance_;
 };
 

@@ -7,6 +7,12 @@
 
 namespace signorini {
 
+/// Velocity of a frame: of its point at the world's origin, and angular; world axes.
+struct Twist {
+  Vector3 linear = Vector3::Zero(), angular = Vector3::Zero();
+  Vector3 at(const Vector3& point) const { return linear + angular.cross(point); }
+};
+
 /// A world at one state: placements, mass matrix, bias, all in O(bodies) for free bodies. With M^ = M + diag(implicit),
 /// Y = J M^^-1/2 (rows whitened: G = J M^^-1 J^T = Y Y^T) is what contact rows are kept as.
 /// Velocities of free joints count in the frame of the body as it stands at the start of the step, held still: so
@@ -28,6 +34,9 @@ class Dynamics {
 
   /// Acceleration of a point that moves with a frame while all velocities stay as they were in update() [m/s^2].
   Vector3 drift(int frame, const Vector3& point, const ConstVectorRef& v) const;
+
+  /// Of every frame, when the joints move at v; after update().
+  void twists(const ConstVectorRef& v, std::vector<Twist>& out) const;
 
   /// Factors M^ = M + diag(implicit); implicit >= 0, nv values. False when M^ is not positive definite.
   bool factor(const ConstVectorRef& implicit);
