@@ -117,6 +117,10 @@ void DetectorSettings::validate() const {
   if (tree_from < 0) throw InvalidInput("tree_from", "is " + std::to_string(tree_from) + ", must be at least 0");
 }
 
+namespace {
+constexpr double kSkin = 0.1;  // of the mean radius
+}
+
 struct Detector::Impl {
   std::vector<CollisionGeometry> geometries;
   std::vector<Solid> solids;
@@ -128,6 +132,9 @@ struct Detector::Impl {
   std::vector<std::pair<int, int>> listed;  // without a tree
   std::vector<int> bounded, half_spaces;    // with one
   BoxTree tree;
+  std::vector<Bounds> old_bounds;               // when the candidates were listed
+  std::vector<std::pair<int, int>> candidates;  // pairs whose boxes were near
+  double skin = 0.0;                            // [m] how far a box may move meanwhile
   std::vector<Placement> placements;
   std::vector<Bounds> bounds;
   std::vector<std::pair<int, int>> near;
@@ -153,6 +160,7 @@ struct Detector::Impl {
     if (use_tree) listed.clear(), listed.shrink_to_fit();
     for (int k = 0; k < static_cast<int>(geometries.size()); ++k)
       (geometries[k].shape.type == ShapeType::HalfSpace ? half_spaces : bounded).push_back(k);
+    for (const int k : bounded) skin += kSkin * solids[k].radius / static_cast<double>(bounded.size());
   }
 
   void place(const std::vector<Placement>& frames) {
@@ -204,15 +212,36 @@ struct Detector::Impl {
         if (are_near(pair.first, pair.second)) near.push_back(pair);
       return;
     }
+    if (!within_old_bounds()) list_candidates();
+    for (const auto& pair : candidates)
+      if (are_near(pair.first, pair.second)) near.push_back(pair);
+  }
+
+  /// Every box lies in the one that the candidates were listed with, widened by the skin.
+  bool within_old_bounds() const {
+    if (old_bounds.size() != bounds.size()) return false;
+    for (const int k : bounded) {
+      const Bounds &now = bounds[k], &old = old_bounds[k];
+      if (!((now.lower.array() >= old.lower.array() - skin).all() &&
+            (now.upper.array() <= old.upper.array() + skin).all()))
+        return false;
+    }
+    return true;
+  }
+
+  /// All pairs that can come near before a box leaves its old one by more than the skin.
+  void list_candidates() {
+    old_bounds = bounds;
+    candidates.clear();
     for (const int h : half_spaces)
       for (const int k : bounded) {
         const auto [a, b] = std::minmax(h, k);
-        if (rule.allows(a, b) && are_near(a, b)) near.emplace_back(a, b);
+        if (rule.allows(a, b)) candidates.emplace_back(a, b);
       }
-    tree.find_pairs(bounds, bounded, settings.margin, [this](int a, int b) {
-      if (are_near(a, b) && rule.allows(a, b)) near.emplace_back(a, b);
+    tree.find_pairs(bounds, bounded, settings.margin + 2.0 * skin, [this](int a, int b) {
+      if (rule.allows(a, b)) candidates.emplace_back(a, b);
     });
-    std::sort(near.begin(), near.end());
+    std::sort(candidates.begin(), candidates.end());
   }
 
   void detect(const std::vector<Placement>& frames) {
