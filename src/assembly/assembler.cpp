@@ -12,6 +12,7 @@ namespace {
 // [m, rad] A gap below counts as touching, with the same slope as an overlap: with two slopes meeting at 0, rounding
 // would make the points of a resting face contradict each other.
 constexpr double kTouching = 1e-7;
+constexpr int kCoupledRows = 200;  // up to this many a dense G is as fast as any
 
 /// Columns (t1, t2, n), right-handed.
 Matrix3 contact_frame(const Vector3& n) {
@@ -34,7 +35,10 @@ Vector3 rotation_vector(const Matrix3& rotation) {
 }  // namespace
 
 Assembler::Assembler(std::shared_ptr<const World> world, const CorrectionSettings& settings)
-    : world_(std::move(world)), settings_(settings), delassus_(std::make_shared<BlockDelassus>()) {
+    : world_(std::move(world)),
+      settings_(settings),
+      delassus_(std::make_shared<BlockDelassus>()),
+      coupled_(std::make_shared<CoupledDelassus>()) {
   for (const Geometry& geometry : world_->geometries())
     geometry_frame_.push_back(world_->bodies()[static_cast<std::size_t>(geometry.body)].frame);
   for (std::size_t j = 0; j < world_->joints().size(); ++j) {
@@ -398,7 +402,6 @@ void Assembler::multiply_blocks(const std::vector<int>& selection, const Constra
     for (std::size_t k = 0; k < pairs_.size(); ++k)
       visit(selected(pairs_[k].first), selected(pairs_[k].second), delassus.block(static_cast<Index>(k)));
   };
-  multiply_articulated(selection);
   each_block([this](const Set& a, const Set& b, double* block) {  // rows of a x rows of b, column-major
     if (a.articulated >= 0 && b.articulated >= 0 && a.group == b.group) {
       const Group& group = groups_[static_cast<std::size_t>(a.group)];
@@ -542,7 +545,19 @@ void Assembler::write_problem() {
     rows += set.rows;
     constraint_sets_.add(all_sets_[i]);
   }
-  multiply_blocks(selection_, constraint_sets_, *delassus_);
+  multiply_articulated(selection_);
+  // One group that holds all rows: its product is G.
+  const bool coupled = groups_.size() == 1 && groups_[0].rows == rows && rows <= kCoupledRows &&
+                       std::all_of(selection_.begin(), selection_.end(),
+                                   [this](int i) { return sets_[static_cast<std::size_t>(i)].num_free == 0; });
+  if (coupled) {
+    double* to = coupled_->reset(rows);
+    for (int c = 0; c < rows; ++c)
+      for (int r = c; r < rows; ++r)
+        to[c * rows + r] = to[r * rows + c] = -products_[static_cast<std::size_t>(c * rows + r)];
+  } else {
+    multiply_blocks(selection_, constraint_sets_, *delassus_);
+  }
   problem_g_.resize(rows);
   problem_compliance_.setZero(rows);
   for (const int i : selection_) {
@@ -550,7 +565,8 @@ void Assembler::write_problem() {
     for (int r = 0; r < set.rows; ++r) problem_g_[set.offset + r] = g_[set.start + r];
     problem_compliance_[set.offset + set.rows - 1] = set.compliance;
   }
-  problem_.assign(delassus_, problem_g_, constraint_sets_, problem_compliance_, largest_left_out());
+  problem_.assign(coupled ? std::shared_ptr<const DelassusOperator>(coupled_) : delassus_, problem_g_, constraint_sets_,
+                  problem_compliance_, largest_left_out());
 }
 
 /// |g| / sqrt(d) of the set left out whose |g| is largest, d as in ContactProblem::scale(): about the largest such
@@ -618,6 +634,7 @@ ContactProblem Assembler::whole_problem() {
     compliance[sets_[i].start + sets_[i].rows - 1] = sets_[i].compliance;
   }
   const auto delassus = std::make_shared<BlockDelassus>();
+  multiply_articulated(all);
   multiply_blocks(all, all_sets_, *delassus);
   return ContactProblem(delassus, g_, all_sets_, compliance);
 }

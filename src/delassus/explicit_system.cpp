@@ -101,6 +101,21 @@ void ExplicitSystem::setup(const SparseMatrix& matrix, const ConstraintSets& set
   }
 }
 
+void ExplicitSystem::setup(const double* matrix, const ConstraintSets& sets, const ConstVectorRef& scale,
+                           const ConstVectorRef& compliance) {
+  take_sizes(sets);
+  dense_ = true;
+  const Index n = size_;
+  a_.resize(static_cast<std::size_t>(n * n));
+  k_.reserve(a_.size());
+  double* to = a_.data();
+  for (Index c = 0; c < n; ++c, matrix += n, to += n) {
+    const double factor = scale[c];
+    for (Index r = 0; r < n; ++r) to[r] = matrix[r] * (factor * scale[r]);
+    to[c] += compliance[c] * factor * factor;
+  }
+}
+
 void ExplicitSystem::find_analysis() {
   const auto matches = [this](const Analysis& analysis) {
     if (analysis.sizes != sizes_ || analysis.pattern.size() != 2 * blocks.size()) return false;

@@ -16,6 +16,10 @@ class ExplicitSystem final : public ScaledDelassus {
   void setup(const SparseMatrix& matrix, const ConstraintSets& sets, const ConstVectorRef& scale,
              const ConstVectorRef& compliance);
 
+  /// matrix: G, symmetric, dense, column-major, both triangles. Allocates nothing for sizes already seen.
+  void setup(const double* matrix, const ConstraintSets& sets, const ConstVectorRef& scale,
+             const ConstVectorRef& compliance);
+
   /// G(rows of set i, rows of set j), i > j, column-major.
   struct Block {
     int i, j;

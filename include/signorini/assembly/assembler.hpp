@@ -7,6 +7,7 @@
 #include "signorini/assembly/dynamics.hpp"
 #include "signorini/collision/detector.hpp"
 #include "signorini/delassus/block.hpp"
+#include "signorini/delassus/coupled.hpp"
 #include "signorini/problem/contact_problem.hpp"
 
 namespace signorini {
@@ -89,7 +90,7 @@ class Assembler {
   void add_joint_friction();
   void add_equalities(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v);
   void correct(const ConstVectorRef& v, const std::vector<ContactPoint>& contacts);
-  /// G of the sets of `selection`, whose rows are `sets`.
+  /// G of the sets of `selection`, whose rows are `sets`, after multiply_articulated().
   void multiply_blocks(const std::vector<int>& selection, const ConstraintSets& sets, BlockDelassus& delassus);
   void multiply_articulated(const std::vector<int>& selection);
   void write_problem();
@@ -133,6 +134,7 @@ class Assembler {
   ConstraintSets all_sets_, constraint_sets_;  // of sets_, and of those in the problem
   std::vector<int> selection_;                 // the sets in the problem
   std::shared_ptr<BlockDelassus> delassus_;
+  std::shared_ptr<CoupledDelassus> coupled_;  // of one robot, no free bodies
   ContactProblem problem_;
   Vector free_v_, velocity_, whitened_;
   std::vector<Twist> twists_, twists_now_;

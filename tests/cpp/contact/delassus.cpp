@@ -210,9 +210,13 @@ BOOST_AUTO_TEST_CASE(reduced_systems_are_solved) {
     const Chain c = chain(contacts, 5);
     const Vector scale = Vector::Constant(c.sets.size(), 0.7), compliance = Vector::Constant(c.sets.size(), 1e-2);
     const Matrix a = 0.49 * (c.g + Matrix(compliance.asDiagonal()));
-    for (const Operator type : {Operator::Sparse, Operator::Block}) {
+    for (const Operator type : {Operator::Sparse, Operator::Block, Operator::Coupled}) {
       if (type == Operator::Sparse) {
         SparseDelassus(SparseMatrix(c.g.sparseView())).prepare(c.sets, scale, compliance, system);
+      } else if (type == Operator::Coupled) {
+        CoupledDelassus coupled;
+        Eigen::Map<Matrix>(coupled.reset(c.sets.size()), c.sets.size(), c.sets.size()) = c.g;
+        coupled.prepare(c.sets, scale, compliance, system);
       } else {
         BlockDelassus blocks;
         fill_blocks(c.sets, c.g, blocks);

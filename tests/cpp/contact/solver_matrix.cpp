@@ -77,13 +77,11 @@ BOOST_AUTO_TEST_CASE(worst_case_of_each_method_is_solved) {
 BOOST_AUTO_TEST_CASE(operators_give_the_same_answer) {
   for (const SolverType solver : kAllSolvers) {
     if (solver == SolverType::Newton) continue;
-    Vector velocities[4];
+    std::vector<Vector> velocities;
     for (const Operator type : kOperators) {
       const Planted planted = plant(3, 6, Law::Ncp, type, true);
-      velocities[static_cast<int>(type)] = solve(planted.problem, settings_for(solver, 1e-8)).velocity;
+      velocities.push_back(solve(planted.problem, settings_for(solver, 1e-8)).velocity);
+      BOOST_TEST((velocities.front() - velocities.back()).norm() <= 1e-5, name(solver) << ", " << operator_name(type));
     }
-    BOOST_TEST((velocities[0] - velocities[1]).norm() <= 1e-5, name(solver) << ", sparse");
-    BOOST_TEST((velocities[0] - velocities[2]).norm() <= 1e-5, name(solver) << ", mass space");
-    BOOST_TEST((velocities[0] - velocities[3]).norm() <= 1e-5, name(solver) << ", block");
   }
 }

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "signorini/delassus/block.hpp"
+#include "signorini/delassus/coupled.hpp"
 #include "signorini/delassus/dense.hpp"
 #include "signorini/delassus/mass_space.hpp"
 #include "signorini/delassus/sparse.hpp"
@@ -76,8 +77,9 @@ inline std::vector<ContactProblem> unsolvable_problems() {
           ContactProblem(dense(opposed), Vector::Constant(2, -1.0), lines)};
 }
 
-enum class Operator { Dense, Sparse, MassSpace, Block };
-inline constexpr Operator kOperators[] = {Operator::Dense, Operator::Sparse, Operator::MassSpace, Operator::Block};
+enum class Operator { Dense, Sparse, MassSpace, Block, Coupled };
+inline constexpr Operator kOperators[] = {Operator::Dense, Operator::Sparse, Operator::MassSpace, Operator::Block,
+                                          Operator::Coupled};
 
 inline const char* operator_name(Operator type) {
   switch (type) {
@@ -89,6 +91,8 @@ inline const char* operator_name(Operator type) {
       return "mass space";
     case Operator::Block:
       return "block";
+    case Operator::Coupled:
+      return "coupled";
   }
   return "";
 }
@@ -123,6 +127,11 @@ inline std::shared_ptr<const DelassusOperator> make_operator(Operator type, cons
     auto blocks = std::make_shared<BlockDelassus>();
     fill_blocks(sets, g, *blocks);
     return blocks;
+  }
+  if (type == Operator::Coupled) {
+    auto coupled = std::make_shared<CoupledDelassus>();
+    Eigen::Map<Matrix>(coupled->reset(g.rows()), g.rows(), g.cols()) = 0.5 * (g + g.transpose());
+    return coupled;
   }
   return std::make_shared<SparseDelassus>(SparseMatrix(g.sparseView()));
 }
