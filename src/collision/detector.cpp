@@ -118,7 +118,7 @@ void DetectorSettings::validate() const {
 }
 
 namespace {
-constexpr double kSkin = 0.1;  // of the mean radius
+constexpr double kSkin = 0.3;  // of the mean radius
 }
 
 struct Detector::Impl {

@@ -16,6 +16,7 @@ constexpr double kAim = 1e-4;   // of the tolerance: what Newton aims at from a 
 constexpr int kWarmNewton = 5;  // iterations granted to Newton from a guess
 constexpr int kWarmPatience = 8, kWarmSteps = 15;
 constexpr double kFirstFinish = 1e-6;    // certificate at which Newton first tries to finish
+constexpr double kQuick = 0.6;           // what a step leaves of the certificate below which the interior point goes on
 constexpr double kFirstProximal = 1e-4;  // certificate at which proximal Newton tries, once a start
 constexpr double kWeight = 3e-4, kWeightShare = 30.0, kHighWeight = 0.3;  // its first weight; late: of the certificate
 constexpr int kWarmProximal = 15, kProximal = 150;                        // factorisations granted to it
@@ -316,7 +317,7 @@ class Ladder {
     interior.options = options;
     interior.start(problem_, law_, guess);
     tried_proximal_ = false;
-    double next = kFirstFinish, milestone = std::numeric_limits<double>::infinity();
+    double last = 0.0, next = kFirstFinish, milestone = std::numeric_limits<double>::infinity();
     int since = 0;
     while (true) {
       const double relative = interior.relative();
@@ -325,7 +326,7 @@ class Ladder {
       if (relative <= 0.5 * milestone) milestone = relative, since = 0;
       if (++since > patience || interior.iterations() >= max_steps || out_of_budget()) return false;
       const bool late = interior.held_back() || interior.iterations() > kLate;
-      if (proximal_ && relative <= kFirstProximal && !tried_proximal_) {
+      if (proximal_ && relative <= kFirstProximal && relative > kQuick * last && !tried_proximal_) {
         tried_proximal_ = true;
         if (proximal_newton(interior.impulse(), kProximal)) return true;
       }
@@ -333,6 +334,7 @@ class Ladder {
         next = late ? 0.3 * relative / kLateFactor : 0.1 * relative;
         if (newton(interior.impulse(), late ? kLateFinish : kFinish)) return true;
       }
+      last = relative;
       const int known = interior.factorizations();
       const bool going = interior.step();
       factorizations += interior.factorizations() - known;
