@@ -113,11 +113,6 @@ class Ladder {
       }
       if (may_repair_ && num_sets > kLarge && repair()) return;
       if (newton(w_.interior_point.impulse(), kLastFinish)) return;
-      if (proximal_ && quick_ > 0.0) {  // once more, proximal Newton as soon as it may: before impulses run off
-        quick_ = 0.0;
-        if (interior_point(nullptr, options, kPatience, kSteps)) return;
-        if (out_of_budget()) break;
-      }
     }
     if (!out_of_budget() && continuation()) return;
     if (may_repair_ && num_sets > kPatch && !out_of_budget() && repair()) return;
@@ -331,7 +326,7 @@ class Ladder {
       if (relative <= 0.5 * milestone) milestone = relative, since = 0;
       if (++since > patience || interior.iterations() >= max_steps || out_of_budget()) return false;
       const bool late = interior.held_back() || interior.iterations() > kLate;
-      if (proximal_ && relative <= kFirstProximal && relative > quick_ * last && !tried_proximal_) {
+      if (proximal_ && relative <= kFirstProximal && relative > kQuick * last && !tried_proximal_) {
         tried_proximal_ = true;
         if (proximal_newton(interior.impulse(), kProximal)) return true;
       }
@@ -360,7 +355,6 @@ class Ladder {
   ContactProblem part_;
   Law law_;
   double tolerance_, aim_, global_reference_, patch_work_ = 0.0;
-  double quick_ = kQuick;
   bool active_newton_ = false, proximal_ = false, tried_proximal_ = false;
   int max_factorizations_;
   bool may_repair_;  // false inside a patch
