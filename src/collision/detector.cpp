@@ -16,6 +16,7 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // A list with fewer pairs a geometry than this is looked through one by one, however many geometries there are.
+constexpr double kSkin = 0.3;  // how far a box may move before the candidates are listed again, of the median radius
 constexpr std::size_t kFewPairs = 8;
 constexpr char kMagic[] = "signorini detector 1";
 
@@ -117,10 +118,6 @@ void DetectorSettings::validate() const {
   if (tree_from < 0) throw InvalidInput("tree_from", "is " + std::to_string(tree_from) + ", must be at least 0");
 }
 
-namespace {
-constexpr double kSkin = 0.3;  // of the mean radius
-}
-
 struct Detector::Impl {
   std::vector<CollisionGeometry> geometries;
   std::vector<Solid> solids;
@@ -160,7 +157,12 @@ struct Detector::Impl {
     if (use_tree) listed.clear(), listed.shrink_to_fit();
     for (int k = 0; k < static_cast<int>(geometries.size()); ++k)
       (geometries[k].shape.type == ShapeType::HalfSpace ? half_spaces : bounded).push_back(k);
-    for (const int k : bounded) skin += kSkin * solids[k].radius / static_cast<double>(bounded.size());
+    std::vector<double> radii;
+    for (const int k : bounded) radii.push_back(solids[k].radius);
+    if (radii.empty()) return;
+    const auto median = radii.begin() + static_cast<std::ptrdiff_t>(radii.size() / 2);
+    std::nth_element(radii.begin(), median, radii.end());
+    skin = kSkin * *median;
   }
 
   void place(const std::vector<Placement>& frames) {
