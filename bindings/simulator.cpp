@@ -346,7 +346,6 @@ void bind_simulation(nb::module_& m) {
         out["types"] = nb::cast(types);
         out["first"] = nb::cast(first);
         out["second"] = nb::cast(second);
-        out["impulse"] = nb::cast(Vector(self.impulse()));
         return out;
       });
   m.def(

@@ -52,7 +52,6 @@ class Hardest:
     def write(self, folder: Path, scene: str) -> tuple[list[Path], int]:
         """Files folder/SCENE-STEP.hdf5, hardest first, and how many of the steps have joint friction or drives' limits
         (intervals), which such a file cannot hold."""
-        folder.mkdir(parents=True, exist_ok=True)
         files, left_out = [], 0
         for cost, minus_step, problem in sorted(self._kept, key=lambda entry: (-entry[0], -entry[1])):
             contacts = as_contacts(problem)

@@ -299,7 +299,7 @@ class Simulator:
 
     @property
     def contacts(self) -> list[Contact]:
-        """The contact points of the last step, open ones within the margin included."""
+        """The contact points of the last step, open ones within the margin too; none after reset() and restore()."""
         world = self.world
         result = []
         for c in self._core.contacts():

@@ -300,8 +300,6 @@ void Assembler::row_product(const Set& set, const Vector& whitened, double* out)
   }
 }
 
-/// g and R; a bounce replaces the gap's correction where the approach is fast and would close the gap in this step
-/// (S8).
 void Assembler::set_velocity(const Set& set, const ConstVectorRef& u, const Vector& whitened,
                              const std::vector<Twist>& twists, double* velocity) const {
   switch (set.source) {
@@ -496,6 +494,13 @@ void Assembler::multiply_articulated(const std::vector<int>& selection) {
   }
 }
 
+void Assembler::clear() {
+  sets_.clear();
+  selection_.clear();
+  all_sets_.clear();
+  rows_ = num_slots_ = 0;
+}
+
 void Assembler::assemble(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v,
                          const ConstVectorRef& free_v, const std::vector<ContactPoint>& contacts) {
   if (support_masks_.empty()) {  // once: the masks of the tree
@@ -512,11 +517,9 @@ void Assembler::assemble(const Dynamics& dynamics, const ConstVectorRef& q, cons
         chain_masks_[static_cast<std::size_t>(k * words_ + d / 64)] |= std::uint64_t{1} << (d % 64);
     sets_of_free_.resize(static_cast<std::size_t>(dynamics.num_free_bodies()));
   }
-  sets_.clear();
+  clear();
   sets_.reserve(contacts.size() + 2 * limited_joints_.size() + friction_velocities_.size() +
                 6 * world_->constraints().size());
-  rows_ = num_slots_ = 0;
-  all_sets_.clear();
   dynamics_ = &dynamics;
   free_v_ = free_v;
   add_contacts(contacts);

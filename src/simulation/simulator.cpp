@@ -504,6 +504,8 @@ void Simulator::reset() {
   s.time = 0.0;
   s.contact_guess.resize(0);
   s.detector.reset();
+  s.assembler.clear();
+  s.impulse.resize(0);
   s.report = StepReport();
 }
 
@@ -544,6 +546,8 @@ void Simulator::restore(const std::string& bytes) {
   const std::uint64_t steps = in.count(), unsolved = in.count();
   in.end();
   s.detector.load(detector);
+  s.assembler.clear();
+  s.impulse.resize(0);
   s.time = time;
   s.q = q, s.v = v, s.control = control, s.applied = applied;
   s.friction_guess = friction, s.lower_guess = lower, s.upper_guess = upper, s.equality_guess = equality;

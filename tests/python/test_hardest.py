@@ -61,6 +61,13 @@ def test_run_writes_files_that_solve_reads(tmp_path):
         assert signorini.solve(problem).solved
 
 
+def test_a_folder_that_cannot_be_made_is_said_before_the_run(tmp_path):
+    (tmp_path / "file").write_text("")
+    result = run("run", "cube-stack", "--duration", 1e6, "--hardest", tmp_path / "file")
+    assert result.exit_code == 2
+    assert "file" in result.output
+
+
 def test_half_lines_and_equalities_become_what_a_file_can_hold(tmp_path):
     jacobian = np.random.default_rng(3).standard_normal((6, 7))
     free_velocity = np.array([-0.3, 0.2, -1.0, 0.1, -0.4, 0.2])

@@ -174,6 +174,20 @@ def test_the_certificate_holds_for_contacts_left_out_of_the_solve_too(law):
     assert left_out > 0
 
 
+def test_nothing_is_known_of_contacts_after_reset_and_restore():
+    world, q, v = scenes.worlds()["boxes"](size=8)
+    simulator = Simulator(world)
+    saved = simulator.save()
+    for forget in (simulator.reset, lambda: simulator.restore(saved)):
+        simulator.state.q, simulator.state.v = q, v
+        simulator.run(400)
+        assert len(simulator.contacts) == simulator.report.num_contacts > 0
+        forget()
+        assert simulator.contacts == []
+        assert simulator.contact_problem().size == 0
+        assert not simulator.contact_force("box-0", "box-1").any()
+
+
 def test_a_blow_passes_through_contacts_that_were_open():
     """A ball hits a row of resting ones in one step; each gap, too wide to close by itself, must transmit."""
     radius, gap, dt = 0.1, 1e-6, 1e-3

@@ -29,8 +29,9 @@ enum class SetSource : std::uint8_t {
   Equality        ///< index: of the constraint; row: of it
 };
 
-/// Writes the contact problem of one step: rows of J in whitened form Y, G = Y Y^T block by block, g = Y u +
-/// corrections. Allocates nothing for sizes already seen.
+/// Writes the contact problem of one step: rows of J in whitened form Y, G = Y Y^T, g = J u + corrections. Most points
+/// within the margin are apart and stay so: the problem has only the sets that act, and is right for all of them once
+/// select_violated() has found no other (S10). Allocates nothing for sizes already seen.
 class Assembler {
  public:
   struct Set {
@@ -58,6 +59,8 @@ class Assembler {
   /// constraint impulses.
   void assemble(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v,
                 const ConstVectorRef& free_v, const std::vector<ContactPoint>& contacts);
+  /// No sets, until the next assemble().
+  void clear();
   const std::vector<Set>& sets() const { return sets_; }
   Index num_rows() const { return rows_; }  ///< of all sets
 
@@ -71,7 +74,7 @@ class Assembler {
   /// Velocity with the impulse that select_violated() was asked of last: free_v + M^^-1 J^T impulse.
   const Vector& velocity() const { return velocity_; }
 
-  /// The problem of all sets, for those who want to see it.
+  /// The problem of all sets, for those who want to see it; dynamics must be as they were in assemble().
   ContactProblem whole_problem();
 
  private:

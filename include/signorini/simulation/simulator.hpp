@@ -87,7 +87,7 @@ class Simulator {
   /// impulse that is not finite is replaced by none.
   void step();
 
-  /// Of the last step.
+  /// Of the last step. Contacts and problem are empty before the first one and after reset() and restore().
   const StepReport& report() const;
   std::vector<Contact> contacts() const;
   /// Force of geometries on body b by those on body a, world axes [N].

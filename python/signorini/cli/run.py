@@ -92,6 +92,8 @@ def run(
             raise signorini.InvalidInputError(f"duration: is {length}, must be in (0, 1e6] s")
         for warning in world.warnings:
             errors.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+        if hardest is not None:
+            hardest.mkdir(parents=True, exist_ok=True)
         kept = Hardest(simulator) if hardest is not None else None
         result = simulate(simulator, scene, max(1, round(length / dt)), source, record, errors, kept)
         files, left_out = kept.write(hardest, scene) if kept is not None and hardest is not None else ([], 0)

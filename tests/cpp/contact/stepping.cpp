@@ -5,25 +5,8 @@
 #include <cstdlib>
 #include <new>
 
+#include "../count_allocations.hpp"
 #include "support.hpp"
-
-// Counts what the whole process takes from the heap: malloc itself, since Eigen does not go through operator new.
-#if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__)
-#define SIGNORINI_COUNTS_MALLOC
-namespace {
-long allocations = 0;
-}
-extern "C" {
-void* __libc_malloc(std::size_t);
-void* __libc_calloc(std::size_t, std::size_t);
-void* __libc_realloc(void*, std::size_t);
-void* __libc_memalign(std::size_t, std::size_t);
-void* malloc(std::size_t size) { return ++allocations, __libc_malloc(size); }
-void* calloc(std::size_t count, std::size_t size) { return ++allocations, __libc_calloc(count, size); }
-void* realloc(void* p, std::size_t size) { return ++allocations, __libc_realloc(p, size); }
-void* aligned_alloc(std::size_t alignment, std::size_t size) { return ++allocations, __libc_memalign(alignment, size); }
-}
-#endif
 
 using namespace signorini;
 using namespace signorini::testing;
@@ -249,7 +232,7 @@ BOOST_AUTO_TEST_CASE(a_budget_bounds_what_a_step_costs) {
   }
 }
 
-#ifdef SIGNORINI_COUNTS_MALLOC
+#if SIGNORINI_COUNTS_ALLOCATIONS
 BOOST_AUTO_TEST_CASE(a_warm_loop_allocates_nothing) {
   // Sizes change from step to step; guesses are exact (check), near (Newton) and far (interior point); one is missing.
   std::vector<Step> steps;

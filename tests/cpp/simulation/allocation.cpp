@@ -2,28 +2,9 @@
 #include <boost/test/unit_test.hpp>
 #include <cstdlib>
 
+#include "../count_allocations.hpp"
 #include "signorini/simulation/simulator.hpp"
 #include "worlds.hpp"
-
-#if defined(__SANITIZE_ADDRESS__) || !defined(__GLIBC__)
-#define SIGNORINI_COUNTS_ALLOCATIONS 0
-#else
-#define SIGNORINI_COUNTS_ALLOCATIONS 1
-// Whoever allocates, `new`, Eigen or Coal, ends here.
-namespace {
-long allocations = 0;
-}
-extern "C" {
-void* __libc_malloc(std::size_t);
-void* __libc_realloc(void*, std::size_t);
-void* __libc_calloc(std::size_t, std::size_t);
-void* __libc_memalign(std::size_t, std::size_t);
-void* malloc(std::size_t size) { return ++allocations, __libc_malloc(size); }
-void* realloc(void* p, std::size_t size) { return ++allocations, __libc_realloc(p, size); }
-void* calloc(std::size_t n, std::size_t size) { return ++allocations, __libc_calloc(n, size); }
-void* aligned_alloc(std::size_t a, std::size_t size) { return ++allocations, __libc_memalign(a, size); }
-}
-#endif
 
 using namespace signorini;
 using namespace signorini::testing;
