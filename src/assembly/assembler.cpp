@@ -160,16 +160,19 @@ void Assembler::whiten(Set& set) {
   }
 }
 
-/// Rows of a set that has none yet; those of joint friction and equalities only have to be whitened.
+/// Rows of a set that has none yet.
 void Assembler::build_rows(Set& set) {
   if (set.built) return;
   set.built = true;
-  if (set.source == SetSource::Contact) {
-    add_point(*dynamics_, set, set.frame_a, set.point, -1.0);
-    add_point(*dynamics_, set, set.frame_b, set.point, 1.0);
-  } else if (set.source == SetSource::LowerLimit || set.source == SetSource::UpperLimit) {
-    add_velocity(set, world_->joints()[static_cast<std::size_t>(set.index)].v_index,
-                 set.source == SetSource::LowerLimit ? 1.0 : -1.0);
+  if (set.v_b >= 0) {
+    add_velocity(set, set.v_b, set.v_a >= 0 ? 1.0 : set.slope);
+    if (set.v_a >= 0) add_velocity(set, set.v_a, -set.slope);
+  } else if (set.row < 3) {
+    add_point(*dynamics_, set, set.frame_a, set.point_a, -1.0);
+    add_point(*dynamics_, set, set.frame_b, set.point_b, 1.0);
+  } else {
+    add_rotation(*dynamics_, set, set.frame_a, -1.0);
+    add_rotation(*dynamics_, set, set.frame_b, 1.0);
   }
   whiten(set);
 }
@@ -203,7 +206,8 @@ void Assembler::add_contacts(const std::vector<ContactPoint>& contacts) {
     all_sets_.add_friction_cone(set.material.friction);
     set.frame_a = geometry_frame_[static_cast<std::size_t>(contact.geometry_a)];
     set.frame_b = geometry_frame_[static_cast<std::size_t>(contact.geometry_b)];
-    set.point = contact.position;
+    set.point_a = set.point_b = contact.position;
+    set.gap = contact.distance;
     set_spring(set, contact.distance, set.material.stiffness / contact.patch_size,
                set.material.damping / contact.patch_size, true);
   }
@@ -220,6 +224,8 @@ void Assembler::add_limits(const ConstVectorRef& q, const ConstVectorRef& v, con
       const double gap = lower ? below : above;
       if (!(gap <= reach)) continue;
       Set& set = new_set(lower ? SetSource::LowerLimit : SetSource::UpperLimit, j, 0, 1);
+      set.v_b = static_cast<int>(joint.v_index);
+      set.slope = lower ? 1.0 : -1.0;
       set.correction = rigid_correction(gap);
       all_sets_.add_half_line();
     }
@@ -230,7 +236,7 @@ void Assembler::add_joint_friction() {
   for (const auto& [velocity, force] : friction_velocities_) {
     if (velocity >= nv_articulated_) continue;
     Set& set = new_set(SetSource::JointFriction, velocity, 0, 1);
-    add_velocity(set, velocity, 1.0);
+    set.v_b = velocity;
     all_sets_.add_interval(-settings_.time_step * force, settings_.time_step * force);
   }
 }
@@ -248,8 +254,11 @@ void Assembler::add_equalities(const Dynamics& dynamics, const ConstVectorRef& q
         for (int k = 3; k >= 0; --k) slope = slope * x + target, target = target * x + c.coefficients[k];
       }
       Set& set = new_set(SetSource::Equality, index, 0, 1);
-      add_velocity(set, b.v_index, 1.0);
-      if (c.joint_a >= 0) add_velocity(set, world_->joints()[static_cast<std::size_t>(c.joint_a)].v_index, -slope);
+      set.v_b = static_cast<int>(b.v_index);
+      if (c.joint_a >= 0) {
+        set.v_a = static_cast<int>(world_->joints()[static_cast<std::size_t>(c.joint_a)].v_index);
+        set.slope = slope;
+      }
       set_spring(set, q[b.q_index] - c.reference_b - target, c.stiffness, c.damping, false);
       all_sets_.add_equality();
       continue;
@@ -268,91 +277,88 @@ void Assembler::add_equalities(const Dynamics& dynamics, const ConstVectorRef& q
     for (int row = 0; row < (weld ? 6 : 3); ++row) {
       Set& set = new_set(SetSource::Equality, index, row, 1);
       set.frame.setIdentity();
-      if (row < 3) {
-        add_point(dynamics, set, a.frame, on_a.translation, -1.0);
-        add_point(dynamics, set, b.frame, on_b.translation, 1.0);
-        set_spring(set, gap[row], c.stiffness, c.damping, false);
-      } else {
-        add_rotation(dynamics, set, a.frame, -1.0);
-        add_rotation(dynamics, set, b.frame, 1.0);
-        set_spring(set, turn[row - 3], c.stiffness, c.damping, false);
-      }
+      set.frame_a = a.frame, set.frame_b = b.frame;
+      set.point_a = on_a.translation, set.point_b = on_b.translation;
+      set_spring(set, row < 3 ? gap[row] : turn[row - 3], c.stiffness, c.damping, false);
       all_sets_.add_equality();
     }
   }
 }
 
-void Assembler::row_product(const Set& set, const Vector& whitened, double* out) const {
-  for (int r = 0; r < set.rows; ++r) out[r] = 0.0;
-  if (set.articulated >= 0) {
-    const double* y = columns_.data() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_;
-    const std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_;
-    for (int w = 0; w < words_; ++w)
-      for (std::uint64_t bits = mask[w]; bits; bits &= bits - 1) {
-        const int k = 64 * w + __builtin_ctzll(bits);
-        for (int r = 0; r < set.rows; ++r) out[r] += y[k * set.rows + r] * whitened[k];
-      }
+void Assembler::set_velocity(const Set& set, const ConstVectorRef& u, const std::vector<Twist>& twists,
+                             double* velocity) const {
+  if (set.v_b >= 0) {
+    *velocity = set.v_a >= 0 ? u[set.v_b] - set.slope * u[set.v_a] : set.slope * u[set.v_b];
+    return;
   }
-  for (int side = 0; side < set.num_free; ++side) {
-    const double* x = whitened.data() + nv_articulated_ + 6 * static_cast<std::ptrdiff_t>(set.free[side]);
-    for (int k = 0; k < 6; ++k)
-      for (int r = 0; r < set.rows; ++r) out[r] += set.y[side][k * set.rows + r] * x[k];
-  }
+  const Twist &a = twists[static_cast<std::size_t>(set.frame_a)], &b = twists[static_cast<std::size_t>(set.frame_b)];
+  if (set.rows == 3)
+    Eigen::Map<Vector3>{velocity} = set.frame.transpose() * (b.at(set.point_b) - a.at(set.point_a));
+  else if (set.row < 3)
+    *velocity = set.frame.col(set.row).dot(b.at(set.point_b) - a.at(set.point_a));
+  else
+    *velocity = set.frame.col(set.row - 3).dot(b.angular - a.angular);
 }
 
-void Assembler::set_velocity(const Set& set, const ConstVectorRef& u, const Vector& whitened,
-                             const std::vector<Twist>& twists, double* velocity) const {
-  switch (set.source) {
-    case SetSource::Contact: {
-      const Vector3 relative = twists[static_cast<std::size_t>(set.frame_b)].at(set.point) -
-                               twists[static_cast<std::size_t>(set.frame_a)].at(set.point);
-      Eigen::Map<Vector3>{velocity} = set.frame.transpose() * relative;
-      break;
-    }
-    case SetSource::LowerLimit:
-      *velocity = u[world_->joints()[static_cast<std::size_t>(set.index)].v_index];
-      break;
-    case SetSource::UpperLimit:
-      *velocity = -u[world_->joints()[static_cast<std::size_t>(set.index)].v_index];
-      break;
-    case SetSource::JointFriction:
-      *velocity = u[set.index];
-      break;
-    case SetSource::Equality:
-      row_product(set, whitened, velocity);
-      break;
-  }
+void Assembler::velocities(const ConstVectorRef& u, VectorRef out) {
+  dynamics_->twists(u, twists_);
+  for (const Set& set : sets_) set_velocity(set, u, twists_, out.data() + set.start);
 }
 
-/// g and R; a bounce replaces the gap's correction where the approach is fast and would close the gap in this step
-/// (S8).
-void Assembler::correct(const ConstVectorRef& v, const std::vector<ContactPoint>& contacts) {
-  dynamics_->twists(free_v_, twists_);
-  bool bounces = false, equalities = false;
+void Assembler::add_forces(const ConstVectorRef& impulse, double factor, std::vector<Wrench>& wrenches,
+                           VectorRef force) const {
   for (const Set& set : sets_) {
-    bounces = bounces || (set.source == SetSource::Contact && set.material.restitution > 0.0);
-    equalities = equalities || set.source == SetSource::Equality;
-  }
-  if (bounces) dynamics_->twists(v, twists_now_);
-  if (equalities) {
-    whitened_ = free_v_;
-    dynamics_->multiply_half_transposed(whitened_);
-  }
-  g_.resize(rows_);
-  for (Set& set : sets_) {
-    double* g = g_.data() + set.start;
-    set_velocity(set, free_v_, whitened_, twists_, g);
-    const int last = set.rows - 1;
-    if (bounces && set.source == SetSource::Contact && set.material.restitution > 0.0) {
-      const double gap = contacts[static_cast<std::size_t>(set.index)].distance;
-      double now[3];
-      set_velocity(set, v, whitened_, twists_now_, now);
-      if (now[2] < -settings_.restitution_threshold && gap + settings_.time_step * g[2] <= 0.0)
-        set.correction = std::isinf(set.material.stiffness) ? set.material.restitution * now[2]
-                                                            : set.correction + set.material.restitution * now[2];
+    const double* x = impulse.data() + set.start;
+    if (set.v_b >= 0) {
+      force[set.v_b] += factor * (set.v_a >= 0 ? *x : set.slope * *x);
+      if (set.v_a >= 0) force[set.v_a] -= factor * set.slope * *x;
+      continue;
     }
-    g[last] += set.correction;
+    Wrench &a = wrenches[static_cast<std::size_t>(set.frame_a)], &b = wrenches[static_cast<std::size_t>(set.frame_b)];
+    const Vector3 f = set.rows == 3 ? Vector3(factor * (set.frame * Eigen::Map<const Vector3>(x)))
+                                    : Vector3(factor * *x * set.frame.col(set.row % 3));
+    if (set.row < 3) {
+      b.add(f, set.point_b);
+      a.add(-f, set.point_a);
+    } else {
+      b.moment += f;
+      a.moment -= f;
+    }
   }
+}
+
+/// g of all sets; a bounce replaces the gap's correction where the approach is fast and would close the gap in this
+/// step (S8).
+void Assembler::correct(const ConstVectorRef& v) {
+  g_.resize(rows_);
+  velocities(free_v_, g_);
+  bool bounces = false;
+  for (const Set& set : sets_) {
+    g_[set.start + set.rows - 1] += set.correction;
+    bounces = bounces || (set.source == SetSource::Contact && set.material.restitution > 0.0);
+  }
+  if (!bounces) return;
+  dynamics_->twists(v, twists_now_);
+  for (std::size_t i = 0; i < sets_.size(); ++i) {
+    Set& set = sets_[i];
+    if (set.source != SetSource::Contact || !(set.material.restitution > 0.0)) continue;
+    double now[3];
+    set_velocity(set, v, twists_now_, now);
+    if (!(now[2] < -settings_.restitution_threshold)) continue;
+    set.bounce = set.material.restitution * now[2];
+    set.gap_correction = set.correction;
+    const double arrives = g_[set.start + 2] - set.correction;
+    set_bounce(i, set.gap + settings_.time_step * arrives <= 0.0);
+  }
+}
+
+void Assembler::set_bounce(std::size_t index, bool bounces) {
+  Set& set = sets_[index];
+  const double before = set.correction;
+  set.bounces = bounces;
+  set.correction = set.gap_correction;
+  if (bounces) set.correction = set.bounce + (std::isinf(set.material.stiffness) ? 0.0 : set.gap_correction);
+  g_[set.start + 2] += set.correction - before;
 }
 
 void Assembler::multiply_blocks(const std::vector<int>& selection, const ConstraintSets& sets,
@@ -526,9 +532,7 @@ void Assembler::assemble(const Dynamics& dynamics, const ConstVectorRef& q, cons
   add_limits(q, v, free_v);
   add_joint_friction();
   add_equalities(dynamics, q, v);
-  for (Set& set : sets_)
-    if (set.source == SetSource::JointFriction || set.source == SetSource::Equality) build_rows(set);
-  correct(v, contacts);
+  correct(v);
 }
 
 /// An impulse of zero does not do for this set at the velocity sigma, of which sigma points at its rows.
@@ -618,7 +622,7 @@ bool Assembler::select_violated(const ConstVectorRef& impulse, Law law, VectorRe
     const Set& set = sets_[i];
     if (set.offset >= 0) continue;
     double* own = sigma.data() + set.start;
-    set_velocity(set, velocity_, whitened_, twists_, own);
+    set_velocity(set, velocity_, twists_, own);
     own[set.rows - 1] += set.correction;
     if (violated(set, own, law)) selection_.push_back(static_cast<int>(i));
   }

@@ -56,7 +56,7 @@ Eigen::Quaterniond quaternion(const ConstVectorRef& q, Index at) { return {q[at 
 struct Dynamics::Impl {
   // By articulated frame, 0 being the world.
   std::vector<Inertia> inertia, composite;
-  std::vector<Spatial> twist, drift, wrench;
+  std::vector<Spatial> twist, drift, wrench, rate, sum;
   // By velocity: 6 numbers each; row k of M and of L holds the entries of k's ancestors and its own.
   std::vector<double> motion;
   Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> mass, lower;
@@ -84,7 +84,7 @@ Dynamics::Dynamics(std::shared_ptr<const World> world) : world_(std::move(world)
   }
   Impl& s = *impl_;
   s.inertia.resize(num_frames), s.composite.resize(num_frames);
-  s.twist.resize(num_frames), s.drift.resize(num_frames), s.wrench.resize(num_frames);
+  for (std::vector<Spatial>* x : {&s.twist, &s.drift, &s.wrench, &s.rate, &s.sum}) x->resize(num_frames);
   s.motion.assign(6 * static_cast<std::size_t>(w.nv_articulated), 0.0);
   s.mass.setZero(w.nv_articulated, w.nv_articulated);
   s.lower.setZero(w.nv_articulated, w.nv_articulated);
@@ -169,7 +169,7 @@ void Dynamics::update_placements(const ConstVectorRef& q) {
   }
 }
 
-void Dynamics::update(const ConstVectorRef& q, const ConstVectorRef& v) {
+void Dynamics::update_velocities(const ConstVectorRef& q, const ConstVectorRef& v) {
   const World::Impl& w = world_->impl();
   Impl& s = *impl_;
   update_placements(q);
@@ -212,20 +212,28 @@ void Dynamics::update(const ConstVectorRef& q, const ConstVectorRef& v) {
       s.drift[i].linear += base.angular.cross(own.linear) + base.linear.cross(own.angular);
       s.drift[i].angular += base.angular.cross(own.angular);
     }
-    s.inertia[i] = s.composite[i] = in_world(frame, joint.mass, joint.center, joint.inertia);
+    s.inertia[i] = in_world(frame, joint.mass, joint.center, joint.inertia);
     const Spatial momentum = s.inertia[i] * s.twist[i];
     Spatial& wrench = s.wrench[i];
     wrench = s.inertia[i] * Spatial{s.drift[i].linear - w.gravity, s.drift[i].angular};
     wrench.linear += s.twist[i].angular.cross(momentum.linear);
     wrench.angular += s.twist[i].angular.cross(momentum.angular) + s.twist[i].linear.cross(momentum.linear);
   }
+}
+
+void Dynamics::update(const ConstVectorRef& q, const ConstVectorRef& v) {
+  const World::Impl& w = world_->impl();
+  Impl& s = *impl_;
+  update_velocities(q, v);
+  s.composite = s.inertia;
+  s.sum = s.wrench;
   // Inwards: bias and M.
-  for (std::size_t i = num_frames; i-- > 1;) {
+  for (auto i = static_cast<std::size_t>(w.num_articulated_frames); i-- > 1;) {
     const ArticulatedJoint& joint = w.articulated[i];
     const auto parent = static_cast<std::size_t>(joint.parent);
     for (Index k = joint.v; k < joint.v + joint.num_v(); ++k) {
       const double* m = s.motion.data() + 6 * k;
-      bias_[k] = power(m, s.wrench[i]);
+      bias_[k] = power(m, s.sum[i]);
       const Spatial force = s.composite[i] * Spatial{{m[0], m[1], m[2]}, {m[3], m[4], m[5]}};
       double* row = s.mass.data() + k * w.nv_articulated;
       for (int j = static_cast<int>(k); j >= 0; j = w.parent_dof[static_cast<std::size_t>(j)])
@@ -234,8 +242,8 @@ void Dynamics::update(const ConstVectorRef& q, const ConstVectorRef& v) {
     }
     if (parent == 0) continue;
     s.composite[parent] += s.composite[i];
-    s.wrench[parent].linear += s.wrench[i].linear;
-    s.wrench[parent].angular += s.wrench[i].angular;
+    s.sum[parent].linear += s.sum[i].linear;
+    s.sum[parent].angular += s.sum[i].angular;
   }
   for (std::size_t i = 0; i < w.free_bodies.size(); ++i) {
     const FreeBody& free = w.free_bodies[i];
@@ -243,6 +251,44 @@ void Dynamics::update(const ConstVectorRef& q, const ConstVectorRef& v) {
     const Vector3 weight = frame.rotation.transpose() * (free.mass * w.gravity);
     bias_.segment<3>(free.v) = -weight;
     bias_.segment<3>(free.v + 3) = -free.center.cross(weight);
+  }
+}
+
+void Dynamics::inverse(const ConstVectorRef& acceleration, const std::vector<Wrench>& wrenches, VectorRef force) {
+  const World::Impl& w = world_->impl();
+  Impl& s = *impl_;
+  const auto num_frames = static_cast<std::size_t>(w.num_articulated_frames);
+  for (std::size_t i = 1; i < num_frames; ++i) {
+    const ArticulatedJoint& joint = w.articulated[i];
+    Spatial& rate = s.rate[i];
+    rate = s.rate[static_cast<std::size_t>(joint.parent)];
+    for (Index k = joint.v; k < joint.v + joint.num_v(); ++k) {
+      const double* m = s.motion.data() + 6 * k;
+      rate.linear += acceleration[k] * Vector3(m[0], m[1], m[2]);
+      rate.angular += acceleration[k] * Vector3(m[3], m[4], m[5]);
+    }
+    const Spatial own = s.inertia[i] * rate;
+    s.sum[i].linear = s.wrench[i].linear + own.linear - wrenches[i].force;
+    s.sum[i].angular = s.wrench[i].angular + own.angular - wrenches[i].moment;
+  }
+  for (std::size_t i = num_frames; i-- > 1;) {
+    const ArticulatedJoint& joint = w.articulated[i];
+    for (Index k = joint.v; k < joint.v + joint.num_v(); ++k)
+      force[k] = power(s.motion.data() + 6 * k, s.sum[i]) + joint.armature * acceleration[k];
+    Spatial& parent = s.sum[static_cast<std::size_t>(joint.parent)];
+    parent.linear += s.sum[i].linear;
+    parent.angular += s.sum[i].angular;
+  }
+  for (std::size_t i = 0; i < w.free_bodies.size(); ++i) {
+    const FreeBody& free = w.free_bodies[i];
+    const std::size_t at = static_cast<std::size_t>(first_free_frame_) + i;
+    const Placement& frame = frames_[at];
+    const Vector3 weight = free.mass * w.gravity;  // in the world
+    const Vector3 moment = wrenches[at].moment - frame.translation.cross(wrenches[at].force);
+    auto own = force.segment<6>(free.v);
+    own.noalias() = free.mass_matrix * acceleration.segment<6>(free.v);
+    own.head<3>() -= frame.rotation.transpose() * (weight + wrenches[at].force);
+    own.tail<3>() -= frame.rotation.transpose() * moment + free.center.cross(frame.rotation.transpose() * weight);
   }
 }
 

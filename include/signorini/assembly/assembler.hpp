@@ -37,7 +37,7 @@ class Assembler {
   struct Set {
     SetSource source = SetSource::Contact;
     int index = 0, row = 0;
-    bool built = false;             ///< has its rows Y; contacts and limits get them when they join the problem
+    bool built = false;             ///< has its rows Y; a set gets them when it joins the problem
     int start = 0, rows = 0;        ///< among the rows of all sets
     int offset = -1;                ///< in the problem; -1: left out
     double correction = 0.0;        ///< added to the last row of g [m/s]
@@ -47,22 +47,37 @@ class Assembler {
     int num_free = 0;               ///< free bodies it acts on
     int free[2] = {0, 0};
     double y[2][18];               ///< rows x 6 each, column-major, whitened
-    Matrix3 frame;                 ///< Contact: columns t1, t2, n in the world
-    Vector3 point;                 ///< Contact: in the world
-    int frame_a = 0, frame_b = 0;  ///< Contact: what it moves with
-    Material material;             ///< Contact: mixed
+    Matrix3 frame;                 ///< Contact, Equality of bodies: columns t1, t2, n, or the world's axes
+    Vector3 point_a, point_b;      ///< likewise: that are held together, in the world
+    int frame_a = 0, frame_b = 0;  ///< likewise: what they move with
+    int v_a = -1, v_b = -1;        ///< others: the velocity is u[v_b] - slope u[v_a], or without v_a slope u[v_b]
+    double slope = 1.0;
+    Material material;  ///< Contact: mixed
+    double gap = 0.0, gap_correction = 0.0;  ///< Contact [m], and its correction without bounce [m/s]
+    double bounce = 0.0;  ///< Contact: e v_N [m/s] where the approach is fast enough to bounce (S8), else 0
+    bool bounces = false;
   };
 
   Assembler(std::shared_ptr<const World> world, const CorrectionSettings& settings);
 
-  /// Rows and g of every set. dynamics: updated at (q, v) and factored; free_v: velocity at the end of the step without
-  /// constraint impulses.
+  /// The sets, and g of all their rows. dynamics: updated at (q, v), and factored before select(); free_v: velocity at
+  /// the end of the step without constraint impulses. With a wanted velocity instead, g is what inverse dynamics asks.
   void assemble(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v,
                 const ConstVectorRef& free_v, const std::vector<ContactPoint>& contacts);
   /// No sets, until the next assemble().
   void clear();
   const std::vector<Set>& sets() const { return sets_; }
   Index num_rows() const { return rows_; }  ///< of all sets
+  const ConstraintSets& constraint_sets() const { return all_sets_; }
+  const GrowVector& free_velocity() const { return g_; }  ///< g, num_rows() values
+
+  /// Takes the bounce of a set with one into g, or out of it.
+  void set_bounce(std::size_t set, bool bounces);
+  /// Velocities J u of all sets, num_rows() values; without a Jacobian, from the twists of the bodies.
+  void velocities(const ConstVectorRef& u, VectorRef out);
+  /// factor J^T impulse without a Jacobian: as wrenches on the frames, and as forces on velocities for sets of joints;
+  /// added.
+  void add_forces(const ConstVectorRef& impulse, double factor, std::vector<Wrench>& wrenches, VectorRef force) const;
 
   /// The problem of the sets that free_v violates, that `guess` (num_rows values) has an impulse for, or that are no
   /// contact or limit.
@@ -85,14 +100,13 @@ class Assembler {
   void add_velocity(Set& set, Index v, double factor);
   void build_rows(Set& set);
   void whiten(Set& set);
-  /// velocity = J u of a set, from u or, for equalities, from W^T u; twists: those of the frames at u.
-  void set_velocity(const Set& set, const ConstVectorRef& u, const Vector& whitened, const std::vector<Twist>& twists,
-                    double* velocity) const;
+  /// velocity = J u of a set; twists: those of the frames at u.
+  void set_velocity(const Set& set, const ConstVectorRef& u, const std::vector<Twist>& twists, double* velocity) const;
   void add_contacts(const std::vector<ContactPoint>& contacts);
   void add_limits(const ConstVectorRef& q, const ConstVectorRef& v, const ConstVectorRef& free_v);
   void add_joint_friction();
   void add_equalities(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v);
-  void correct(const ConstVectorRef& v, const std::vector<ContactPoint>& contacts);
+  void correct(const ConstVectorRef& v);
   /// G of the sets of `selection`, whose rows are `sets`, after multiply_articulated().
   void multiply_blocks(const std::vector<int>& selection, const ConstraintSets& sets, BlockDelassus& delassus);
   void multiply_articulated(const std::vector<int>& selection);
@@ -102,7 +116,6 @@ class Assembler {
   double rigid_correction(double gap) const;
   /// The spring with damper as correction and compliance of a row (S7); rigid where stiffness is infinite.
   void set_spring(Set& set, double gap, double stiffness, double damping, bool one_sided) const;
-  void row_product(const Set& set, const Vector& whitened, double* out) const;
   void add_row_products(const Set& set, const ConstVectorRef& impulse);
 
   std::shared_ptr<const World> world_;

@@ -13,6 +13,12 @@ struct Twist {
   Vector3 at(const Vector3& point) const { return linear + angular.cross(point); }
 };
 
+/// A force and its moment about the world's origin; world axes.
+struct Wrench {
+  Vector3 force = Vector3::Zero(), moment = Vector3::Zero();  ///< [N, N m]
+  void add(const Vector3& f, const Vector3& point) { force += f, moment += point.cross(f); }
+};
+
 /// A world at one state: placements, mass matrix, bias, all in O(bodies) for free bodies. With M^ = M + diag(implicit),
 /// Y = J M^^-1/2 (rows whitened: G = J M^^-1 J^T = Y Y^T) is what contact rows are kept as.
 /// Velocities of free joints count in the frame of the body as it stands at the start of the step, held still: so
@@ -25,12 +31,18 @@ class Dynamics {
 
   /// Placements, mass matrix and bias at (q, v); the factor is stale until factor().
   void update(const ConstVectorRef& q, const ConstVectorRef& v);
+  /// Placements, velocities and inertias only: all that inverse() needs.
+  void update_velocities(const ConstVectorRef& q, const ConstVectorRef& v);
   /// Placements only.
   void update_placements(const ConstVectorRef& q);
   const std::vector<Placement>& frames() const { return frames_; }
 
   /// Generalised force of gravity and Coriolis terms: M dv/dt = force - bias.
   const Vector& bias() const { return bias_; }
+
+  /// force = M acceleration + bias - J^T wrenches by one sweep outwards and one back (the recursive Newton-Euler
+  /// algorithm), wrenches one a frame. After update_velocities() or update().
+  void inverse(const ConstVectorRef& acceleration, const std::vector<Wrench>& wrenches, VectorRef force);
 
   /// Acceleration of a point that moves with a frame while all velocities stay as they were in update() [m/s^2].
   Vector3 drift(int frame, const Vector3& point, const ConstVectorRef& v) const;
