@@ -14,6 +14,7 @@
 #include "signorini/errors.hpp"
 #include "signorini/model/world_builder.hpp"
 #include "signorini/rollout/rollout.hpp"
+#include "signorini/simulation/inverse_dynamics.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -373,6 +374,64 @@ void bind_simulation(nb::module_& m) {
       "world"_a, "settings"_a, "initial"_a, "controls"_a, "num_steps"_a, "num_threads"_a);
 }
 
+void bind_inverse_dynamics(nb::module_& m) {
+  using Input = InverseDynamics::Input;
+  nb::class_<Input>(m, "InverseInput")
+      .def(nb::init<>())
+      .def_rw("v", &Input::v)
+      .def_rw("v_next", &Input::v_next)
+      .def_rw("control", &Input::control)
+      .def_rw("external_wrench", &Input::external_wrench)
+      .def_rw("impulse_guess", &Input::impulse_guess)
+      .def_rw("closest", &Input::closest)
+      .def_rw("actuated", &Input::actuated);
+  nb::class_<InverseDynamicsResult>(m, "InverseDynamicsResult")
+      .def_ro("status", &InverseDynamicsResult::status)
+      .def_ro("residual", &InverseDynamicsResult::residual)
+      .def_ro("relative", &InverseDynamicsResult::relative)
+      .def_ro("iterations", &InverseDynamicsResult::iterations)
+      .def_ro("force", &InverseDynamicsResult::force)
+      .def_ro("v_next", &InverseDynamicsResult::v_next)
+      .def_ro("contact_impulse", &InverseDynamicsResult::contact_impulse);
+  nb::class_<InverseDynamics>(m, "InverseDynamics")
+      .def("__init__",
+           [](InverseDynamics* self, const std::shared_ptr<const World>& world, const SimulatorSettings& settings,
+              Law law, double proximal_weight, double tolerance, int max_iterations) {
+             InverseSettings inverse;
+             inverse.law = law;
+             inverse.proximal_weight = proximal_weight;
+             inverse.tolerance = tolerance;
+             inverse.max_iterations = max_iterations;
+             new (self) InverseDynamics(world, settings, inverse);
+           })
+      .def_static("actuated", &InverseDynamics::actuated)
+      .def("set_configuration", [](InverseDynamics& self, const Vector& q) { self.set_configuration(q); })
+      .def(
+          "solve",
+          [](InverseDynamics& self, Input& input, const Simulator* simulator) {
+            input.simulator = simulator;
+            return self.solve(input);
+          },
+          "input"_a, "simulator"_a.none(), nb::call_guard<nb::gil_scoped_release>())
+      .def("contacts", &InverseDynamics::contacts)
+      .def("points",  // as contacts without force or velocity
+           [](const InverseDynamics& self) {
+             std::vector<Contact> list;
+             for (const ContactPoint& point : self.points()) {
+               Contact contact;
+               contact.geometry_a = point.geometry_a;
+               contact.geometry_b = point.geometry_b;
+               contact.position = point.position;
+               contact.frame = contact_frame(point.normal);
+               contact.distance = point.distance;
+               contact.id = point.id;
+               list.push_back(contact);
+             }
+             return list;
+           })
+      .def("worst", &InverseDynamics::worst);
+}
+
 }  // namespace
 
 NB_MODULE(_simulator, m) {
@@ -390,4 +449,5 @@ NB_MODULE(_simulator, m) {
       nb::object(error).release().ptr());
   bind_model(m);
   bind_simulation(m);
+  bind_inverse_dynamics(m);
 }

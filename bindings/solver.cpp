@@ -4,6 +4,7 @@
 #include <mutex>
 
 #include "bindings.hpp"
+#include "signorini/solver/inverse.hpp"
 #include "signorini/solver/solve.hpp"
 
 namespace nb = nanobind;
@@ -49,6 +50,7 @@ void bind_solver(nb::module_& m) {
       .value("solved", Status::Solved)
       .value("max iterations", Status::MaxIterations)
       .value("stalled", Status::Stalled)
+      .value("infeasible", Status::Infeasible)
       .value("invalid", Status::Invalid);
 
   nb::class_<AdmmSettings>(m, "AdmmSettings")
@@ -96,6 +98,33 @@ void bind_solver(nb::module_& m) {
       .def_ro("seconds", &Solution::seconds)
       .def_ro("penalty", &Solution::penalty)
       .def_prop_ro("history", &history);
+
+  nb::class_<InverseSettings>(m, "InverseSettings")
+      .def(nb::init<>())
+      .def_rw("law", &InverseSettings::law)
+      .def_rw("proximal_weight", &InverseSettings::proximal_weight)
+      .def_rw("tolerance", &InverseSettings::tolerance)
+      .def_rw("max_iterations", &InverseSettings::max_iterations)
+      .def("validate", &InverseSettings::validate);
+  nb::class_<InverseSolution>(m, "InverseSolution")
+      .def_ro("status", &InverseSolution::status)
+      .def_prop_ro("impulse", [](const InverseSolution& self) { return Vector(self.impulse); })
+      .def_prop_ro("velocity", [](const InverseSolution& self) { return Vector(self.velocity); })
+      .def_ro("residual", &InverseSolution::residual)
+      .def_ro("relative", &InverseSolution::relative)
+      .def_ro("worst", &InverseSolution::worst)
+      .def_ro("iterations", &InverseSolution::iterations);
+  m.def(
+      "solve_inverse",
+      [](const Vector& velocity, const Vector& compliance, const ConstraintSets& sets, const InverseSettings& settings,
+         const Vector& guess, double speed) {
+        InverseSolution solution;
+        const ConstVectorRef start(guess);
+        solve_inverse(velocity, compliance, sets, settings, solution, &start, speed);
+        return solution;
+      },
+      "velocity"_a, "compliance"_a, "sets"_a, "settings"_a, "guess"_a, "speed"_a,
+      nb::call_guard<nb::gil_scoped_release>());
 
   m.def(
       "solve",

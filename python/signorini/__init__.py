@@ -15,6 +15,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from signorini._core import InvalidInputError, Workspace, __version__
+from signorini._inverse import InverseSolution, inverse_contact
 from signorini._problem import ContactProblem, Equality, FrictionCone, HalfLine, Interval
 from signorini._solution import Residual, Solution
 from signorini._solve import residual, solve
@@ -22,6 +23,7 @@ from signorini.load import load
 
 if TYPE_CHECKING:
     from signorini import fclib as fclib
+    from signorini._inverse_dynamics import InverseDynamics, InverseDynamicsResult, inverse_dynamics
     from signorini._simulation import Simulator, SimulatorSettings, UnsolvedStepError, UnsolvedStepWarning, rollout
     from signorini._world import (
         Box,
@@ -50,6 +52,9 @@ __all__ = [
     "HalfSpace",
     "Interval",
     "InvalidInputError",
+    "InverseDynamics",
+    "InverseDynamicsResult",
+    "InverseSolution",
     "Joint",
     "Material",
     "Residual",
@@ -64,6 +69,8 @@ __all__ = [
     "WorldBuilder",
     "__version__",
     "fclib",
+    "inverse_contact",
+    "inverse_dynamics",
     "load",
     "residual",
     "rollout",
@@ -71,31 +78,33 @@ __all__ = [
 ]
 
 _SUBMODULES = ("experiments", "fclib", "peers", "scenes")
-_WORLD = (
-    "Box",
-    "Capsule",
-    "Convex",
-    "Cylinder",
-    "Ellipsoid",
-    "HalfSpace",
-    "Joint",
-    "Material",
-    "Sphere",
-    "World",
-    "WorldBuilder",
-)
-_SIMULATION = ("Simulator", "SimulatorSettings", "UnsolvedStepError", "UnsolvedStepWarning", "rollout")
+_LATER = {  # what needs the simulator, by module
+    "_world": (
+        "Box",
+        "Capsule",
+        "Convex",
+        "Cylinder",
+        "Ellipsoid",
+        "HalfSpace",
+        "Joint",
+        "Material",
+        "Sphere",
+        "World",
+        "WorldBuilder",
+    ),
+    "_simulation": ("Simulator", "SimulatorSettings", "UnsolvedStepError", "UnsolvedStepWarning", "rollout"),
+    "_inverse_dynamics": ("InverseDynamics", "InverseDynamicsResult", "inverse_dynamics"),
+}
 
 
 def __getattr__(name: str) -> Any:
     # Loaded at first use: they need h5py, scipy, Pinocchio or more, and `import signorini` should take no time.
     if name in _SUBMODULES:
         return importlib.import_module(f"signorini.{name}")
-    if name in _WORLD + _SIMULATION:
-        try:
-            return getattr(
-                importlib.import_module("signorini._world" if name in _WORLD else "signorini._simulation"), name
-            )
-        except ImportError as error:
-            raise ImportError(f"signorini.{name}: this build is without the simulator ({error})") from None
+    for module, names in _LATER.items():
+        if name in names:
+            try:
+                return getattr(importlib.import_module(f"signorini.{module}"), name)
+            except ImportError as error:
+                raise ImportError(f"signorini.{name}: this build is without the simulator ({error})") from None
     raise AttributeError(f"module 'signorini' has no attribute {name!r}")

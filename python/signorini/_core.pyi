@@ -57,6 +57,31 @@ class ContactProblem:
     def velocity(self, impulse: _Vector) -> _Vector: ...
     def check_definite(self) -> None: ...
 
+class InverseSettings:
+    law: Any
+    proximal_weight: float
+    tolerance: float
+    max_iterations: int
+    def validate(self) -> None: ...
+
+class InverseSolution:
+    status: Any
+    impulse: _Vector
+    velocity: _Vector
+    residual: float
+    relative: float
+    worst: int
+    iterations: int
+
+def solve_inverse(
+    velocity: _Vector,
+    compliance: _Vector,
+    sets: ConstraintSets,
+    settings: InverseSettings,
+    guess: _Vector,
+    speed: float,
+) -> InverseSolution: ...
+
 class Residual:
     largest_share: float
     @property

@@ -109,6 +109,30 @@ class Contact:
     id: int
 
 
+def contacts_from_core(world: World, listed: list[Any]) -> list[Contact]:
+    result = []
+    for c in listed:
+        a, b = world.geometries[c.geometry_a], world.geometries[c.geometry_b]
+        result.append(
+            Contact(
+                body_a=world.body_names[a.body],
+                body_b=world.body_names[b.body],
+                geometry_a=a.name,
+                geometry_b=b.name,
+                position=c.position,
+                normal=c.frame[:, 2],
+                frame=c.frame,
+                distance=c.distance,
+                mode=c.mode.name,
+                force=c.frame @ c.force,
+                force_local=c.force,
+                velocity=c.velocity,
+                id=c.id,
+            )
+        )
+    return result
+
+
 @dataclass(frozen=True)
 class StepReport:
     """What the last step did, and counts since the simulator was made.
@@ -300,28 +324,7 @@ class Simulator:
     @property
     def contacts(self) -> list[Contact]:
         """The contact points of the last step, open ones within the margin too; none after reset() and restore()."""
-        world = self.world
-        result = []
-        for c in self._core.contacts():
-            a, b = world.geometries[c.geometry_a], world.geometries[c.geometry_b]
-            result.append(
-                Contact(
-                    body_a=world.body_names[a.body],
-                    body_b=world.body_names[b.body],
-                    geometry_a=a.name,
-                    geometry_b=b.name,
-                    position=c.position,
-                    normal=c.frame[:, 2],
-                    frame=c.frame,
-                    distance=c.distance,
-                    mode=c.mode.name,
-                    force=c.frame @ c.force,
-                    force_local=c.force,
-                    velocity=c.velocity,
-                    id=c.id,
-                )
-            )
-        return result
+        return contacts_from_core(self.world, self._core.contacts())
 
     def contact_force(self, body_a: str, body_b: str) -> Array:
         """Total contact force of body a on body b in the last step, world axes [N]."""

@@ -14,7 +14,14 @@ namespace {
 constexpr double kTouching = 1e-7;
 constexpr int kCoupledRows = 200;  // up to this many a dense G is as fast as any
 
-/// Columns (t1, t2, n), right-handed.
+/// Rotation vector of R, |angle| <= pi.
+Vector3 rotation_vector(const Matrix3& rotation) {
+  const Eigen::AngleAxisd turn(rotation);
+  return turn.angle() * turn.axis();
+}
+
+}  // namespace
+
 Matrix3 contact_frame(const Vector3& n) {
   int least = 0;
   for (int k = 1; k < 3; ++k)
@@ -25,14 +32,6 @@ Matrix3 contact_frame(const Vector3& n) {
   frame.col(2) = n;
   return frame;
 }
-
-/// Rotation vector of R, |angle| <= pi.
-Vector3 rotation_vector(const Matrix3& rotation) {
-  const Eigen::AngleAxisd turn(rotation);
-  return turn.angle() * turn.axis();
-}
-
-}  // namespace
 
 Assembler::Assembler(std::shared_ptr<const World> world, const CorrectionSettings& settings)
     : world_(std::move(world)),

@@ -123,9 +123,13 @@ void Dynamics::twists(const ConstVectorRef& v, std::vector<Twist>& out) const {
       twist.linear = placement.rotation * v.segment<3>(at) - twist.angular.cross(placement.translation);
       continue;
     }
-    twist = Twist();
-    if (frame == 0) continue;
-    for (const int k : support(frame)) {
+    if (frame == 0) {
+      twist = Twist();
+      continue;
+    }
+    const ArticulatedJoint& joint = world_->impl().articulated[static_cast<std::size_t>(frame)];
+    twist = out[static_cast<std::size_t>(joint.parent)];
+    for (Index k = joint.v; k < joint.v + joint.num_v(); ++k) {
       const double* m = motion(k);
       twist.linear += v[k] * Vector3(m[0], m[1], m[2]);
       twist.angular += v[k] * Vector3(m[3], m[4], m[5]);
@@ -169,10 +173,9 @@ void Dynamics::update_placements(const ConstVectorRef& q) {
   }
 }
 
-void Dynamics::update_velocities(const ConstVectorRef& q, const ConstVectorRef& v) {
+void Dynamics::update_velocities(const ConstVectorRef& v) {
   const World::Impl& w = world_->impl();
   Impl& s = *impl_;
-  update_placements(q);
   const auto num_frames = static_cast<std::size_t>(w.num_articulated_frames);
   // Outwards: motions, twists, and their rates of change while the joint velocities stay as they are.
   for (std::size_t i = 1; i < num_frames; ++i) {
@@ -224,7 +227,8 @@ void Dynamics::update_velocities(const ConstVectorRef& q, const ConstVectorRef& 
 void Dynamics::update(const ConstVectorRef& q, const ConstVectorRef& v) {
   const World::Impl& w = world_->impl();
   Impl& s = *impl_;
-  update_velocities(q, v);
+  update_placements(q);
+  update_velocities(v);
   s.composite = s.inertia;
   s.sum = s.wrench;
   // Inwards: bias and M.

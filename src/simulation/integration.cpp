@@ -2,6 +2,8 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
+#include <tuple>
+#include <utility>
 
 #include "model/world_impl.hpp"
 
@@ -23,18 +25,23 @@ void turn(VectorRef q, Index at, const Eigen::Quaterniond& by) {
   q[at] = rotation.x(), q[at + 1] = rotation.y(), q[at + 2] = rotation.z(), q[at + 3] = rotation.w();
 }
 
-void advance_free_body(const FreeBody& body, double dt, VectorRef q, VectorRef v) {
-  const Vector3 linear = v.segment<3>(body.v), angular = v.segment<3>(body.v + 3);
-  // The turn of the midpoint rule: w = (w0 + w1) / 2 with w1 = I^-1 exp(-dt w) I w0 keeps energy to O(dt^3) and angular
-  // momentum exactly. The centre of mass moves straight.
+/// The turn of the midpoint rule, and the angular velocity after it: w = (w0 + w1) / 2 with w1 = I^-1 exp(-dt w) I w0
+/// keeps energy to O(dt^3) and angular momentum exactly (S5).
+std::pair<Eigen::Quaterniond, Vector3> midpoint_turn(const FreeBody& body, double dt, const Vector3& angular) {
   const Vector3 momentum = body.inertia * angular;
-  Vector3 mean = angular, next = angular;
+  Vector3 mean = angular;
   for (int k = 0; k < 3; ++k) {
-    next = body.inverse_inertia * (turn_by(-dt * mean) * momentum);
+    const Vector3 next = body.inverse_inertia * (turn_by(-dt * mean) * momentum);
     mean = 0.5 * (angular + next);
   }
   const Eigen::Quaterniond by = turn_by(dt * mean);
-  next = body.inverse_inertia * (by.conjugate() * momentum);
+  return {by, body.inverse_inertia * (by.conjugate() * momentum)};
+}
+
+/// The centre of mass moves straight.
+void advance_free_body(const FreeBody& body, double dt, VectorRef q, VectorRef v) {
+  const Vector3 linear = v.segment<3>(body.v), angular = v.segment<3>(body.v + 3);
+  const auto [by, next] = midpoint_turn(body, dt, angular);
   const Vector3 center_velocity = linear + angular.cross(body.center);
   const Eigen::Quaterniond rotation(q[body.q + 6], q[body.q + 3], q[body.q + 4], q[body.q + 5]);
   const Vector3 moved = dt * center_velocity + body.center - by * body.center;
@@ -64,6 +71,36 @@ void advance(const World& world, double dt, VectorRef q, VectorRef v) {
     }
   }
   for (const FreeBody& body : w.free_bodies) advance_free_body(body, dt, q, v);
+}
+
+bool turn_back(const World& world, double dt, VectorRef v) {
+  const World::Impl& w = world.impl();
+  for (const Joint& joint : w.joints) {
+    const Index at = joint.v_index;
+    if (at >= w.nv_articulated) break;
+    if (joint.type == JointType::Free) v.segment<3>(at) = turn_by(dt * v.segment<3>(at + 3)) * Vector3(v.segment<3>(at));
+  }
+  for (const FreeBody& body : w.free_bodies) {
+    const Vector3 next = v.segment<3>(body.v + 3), momentum = body.inertia * next;  // at the end, in the frame there
+    const Vector3 next_center = v.segment<3>(body.v) + next.cross(body.center);
+    Vector3 angular = next;
+    Eigen::Quaterniond by = Eigen::Quaterniond::Identity();
+    bool found = false;
+    for (int k = 0; k < 60 && !found; ++k) {
+      Vector3 after;
+      std::tie(by, after) = midpoint_turn(body, dt, angular);
+      found = (after - next).norm() <= 1e-14 * next.norm();
+      if (!found) angular = body.inverse_inertia * (by * momentum);
+    }
+    if (!found) {  // rounding may keep it from 1e-14
+      const auto [last, after] = midpoint_turn(body, dt, angular);
+      if (!((after - next).norm() <= 1e-11 * next.norm())) return false;
+      by = last;
+    }
+    v.segment<3>(body.v + 3) = angular;
+    v.segment<3>(body.v) = by * next_center - angular.cross(body.center);
+  }
+  return true;
 }
 
 }  // namespace signorini

@@ -9,4 +9,8 @@ namespace signorini {
 /// exactly.
 void advance(const World& world, double time_step, VectorRef q, VectorRef v);
 
+/// The inverse of what advance() does to v, in place. False where a free body turns so far in one step that it is not
+/// found (more than about 1 rad).
+bool turn_back(const World& world, double time_step, VectorRef v);
+
 }  // namespace signorini

@@ -6,72 +6,14 @@
 #include <cmath>
 #include <cstring>
 
+#include "contact_report.hpp"
+#include "forces.hpp"
 #include "integration.hpp"
-#include "model/world_impl.hpp"
 #include "require.hpp"
+#include "world_collision.hpp"
 
 namespace signorini {
 namespace {
-
-constexpr double kLargest = 1e100;
-
-void require_finite(const char* field, const ConstVectorRef& values) {
-  for (Index i = 0; i < values.size(); ++i)
-    if (!(std::abs(values[i]) <= kLargest))
-      require(false, std::string(field) + "[" + std::to_string(i) + "]", values[i], "within +-1e100");
-}
-
-std::vector<CollisionGeometry> collision_geometries(const World& world) {
-  std::vector<CollisionGeometry> list;
-  for (const Geometry& geometry : world.geometries()) {
-    const Body& body = world.bodies()[static_cast<std::size_t>(geometry.body)];
-    list.push_back({geometry.shape, body.frame, body.in_frame * geometry.placement});
-  }
-  return list;
-}
-
-/// World::may_touch for a detector, without a list of all pairs.
-CollisionFilter collision_filter(const World& world) {
-  const World::Impl& w = world.impl();
-  CollisionFilter filter;
-  std::vector<std::vector<int>> of_body(w.bodies.size()), of_frame(w.moving_parent.size());
-  for (std::size_t g = 0; g < w.geometries.size(); ++g) {
-    const Geometry& geometry = w.geometries[g];
-    filter.group.push_back(geometry.group);
-    filter.mask.push_back(geometry.mask);
-    of_body[static_cast<std::size_t>(geometry.body)].push_back(static_cast<int>(g));
-    of_frame[static_cast<std::size_t>(w.bodies[static_cast<std::size_t>(geometry.body)].frame)].push_back(
-        static_cast<int>(g));
-  }
-  filter.excluded = w.excluded;
-  const auto exclude = [&filter](const std::vector<int>& a, const std::vector<int>& b) {
-    for (const int i : a)
-      for (const int j : b)
-        if (i != j) filter.excluded.emplace_back(std::min(i, j), std::max(i, j));
-  };
-  for (const std::uint64_t key : w.excluded_bodies) exclude(of_body[key >> 32], of_body[key & 0xffffffffu]);
-  std::vector<int> bases;  // of robots, fixed to the world: parents, which the world itself is not
-  for (const int g : of_frame[0])
-    if (w.geometries[static_cast<std::size_t>(g)].body != 0) bases.push_back(g);
-  for (std::size_t f = 1; f < w.moving_parent.size(); ++f) {
-    if (w.moving_parent[f] != 0)
-      filter.excluded_frames.emplace_back(w.moving_parent[f], static_cast<int>(f));
-    else if (static_cast<int>(f) < w.num_articulated_frames)
-      exclude(bases, of_frame[f]);
-  }
-  std::sort(filter.excluded.begin(), filter.excluded.end());
-  return filter;
-}
-
-DetectorSettings detector_settings(const SimulatorSettings& settings) {
-  DetectorSettings detector;
-  detector.margin = settings.contact_margin < 0.0 ? 2e-3 + 3.0 * settings.time_step : settings.contact_margin;
-  return detector;
-}
-
-CorrectionSettings correction_settings(const SimulatorSettings& settings) {
-  return {settings.time_step, settings.baumgarte, settings.max_correction_speed, settings.restitution_threshold};
-}
 
 // Bytes of save(): a tag, then values one after the other.
 constexpr char kTag[] = "signorini state 1";
@@ -175,6 +117,7 @@ struct Simulator::Impl {
       : world(std::move(w)),
         settings(s),
         dynamics(world),
+        forces(*world),
         detector(collision_geometries(*world), collision_filter(*world), detector_settings(s)),
         assembler(world, correction_settings(s)) {
     const Index nv = world->num_v();
@@ -188,14 +131,8 @@ struct Simulator::Impl {
       num_equality_rows += c.type == ConstraintType::Connect ? 3 : c.type == ConstraintType::Weld ? 6 : 1;
     }
     equality_guess = Vector::Zero(num_equality_rows);
-    for (std::size_t j = 0; j < world->joints().size(); ++j) {
-      const Joint& joint = world->joints()[j];
-      if (joint.damping > 0.0 || joint.stiffness > 0.0) passive_joints.push_back(static_cast<int>(j));
-    }
   }
 
-  void sum_forces();
-  void add_wrenches();
   void make_guess();
   void solve_contacts();
   void keep_impulses();
@@ -203,6 +140,7 @@ struct Simulator::Impl {
   std::shared_ptr<const World> world;
   SimulatorSettings settings;
   Dynamics dynamics;
+  Forces forces;
   Detector detector;
   Assembler assembler;
   Workspace workspace;
@@ -213,14 +151,14 @@ struct Simulator::Impl {
   Vector q, v, control, applied;
   double time = 0.0;
   Matrix wrench;
-  Vector force, implicit, free_v;
+  Vector force, implicit, free_v;  // implicit: what depends on the new velocity, added to M (S2)
   Vector step_q, step_v;      // at the start of the last step
   GrowVector impulse, sigma;  // of all sets, those left out of the problem too
 
   // Impulses of the last step, for the next one to start from: of the contacts in world axes, three a point; of limits
   // and dry friction by velocity; of equalities by row.
   Vector contact_guess, friction_guess, lower_guess, upper_guess, equality_guess;
-  std::vector<int> equality_start, passive_joints;
+  std::vector<int> equality_start;
   int num_equality_rows = 0;
 };
 
@@ -250,66 +188,6 @@ ContactProblem Simulator::contact_problem() {
   s.dynamics.update(s.step_q, s.step_v);  // as they were when the sets were made
   s.dynamics.factor(s.implicit);
   return s.assembler.whole_problem();
-}
-
-/// force: everything but M dv/dt, with springs, dampers and gains taken at the end of the step: what depends on the new
-/// velocity goes to `implicit` (S2).
-void Simulator::Impl::sum_forces() {
-  const double dt = settings.time_step;
-  force = applied - dynamics.bias();
-  implicit.setZero();
-  const auto add_implicit = [&](Index at, double stiffness, double damping) {
-    const double d = damping + dt * stiffness;
-    force[at] -= d * v[at];
-    implicit[at] += dt * d;
-  };
-  for (const int j : passive_joints) {
-    const Joint& joint = world->joints()[static_cast<std::size_t>(j)];
-    if (joint.stiffness > 0.0) force[joint.v_index] -= joint.stiffness * (q[joint.q_index] - joint.spring_reference);
-    for (Index k = 0; k < joint.num_v(); ++k) add_implicit(joint.v_index + k, joint.stiffness, joint.damping);
-  }
-  for (std::size_t i = 0; i < world->actuators().size(); ++i) {
-    const Actuator& a = world->actuators()[i];
-    const Joint& joint = world->joints()[static_cast<std::size_t>(a.joint)];
-    const Index at = joint.v_index + a.component;
-    const double u = std::clamp(control[static_cast<Index>(i)], a.control_lower, a.control_upper);
-    double effort = u;
-    if (a.type == ActuatorType::Position) effort = a.kp * (u - a.gear * q[joint.q_index]) - a.kv * a.gear * v[at];
-    if (a.type == ActuatorType::Velocity) effort = a.kv * (u - a.gear * v[at]);
-    const double clipped = std::clamp(effort, a.force_lower, a.force_upper);
-    force[at] += a.gear * clipped;
-    if (a.type == ActuatorType::Motor || clipped != effort) continue;  // a saturated drive does not depend on v
-    // effort holds the damping at the old velocity already; what is left is its change over the step.
-    const double gear2 = a.gear * a.gear;
-    const double stiffness = a.type == ActuatorType::Position ? gear2 * a.kp : 0.0;
-    force[at] -= dt * stiffness * v[at];
-    implicit[at] += dt * (gear2 * a.kv + dt * stiffness);
-  }
-  if (!wrench.isZero(0.0)) add_wrenches();
-}
-
-void Simulator::Impl::add_wrenches() {
-  for (std::size_t b = 1; b < world->bodies().size(); ++b) {
-    const auto given = wrench.col(static_cast<Index>(b));
-    if (given.isZero(0.0)) continue;
-    const Body& body = world->bodies()[b];
-    const Placement& frame = dynamics.frames()[static_cast<std::size_t>(body.frame)];
-    const Vector3 f = given.head<3>(), moment = given.tail<3>();
-    const Vector3 point = frame * body.in_frame.translation;
-    const int free = dynamics.free_body(body.frame);
-    if (free >= 0) {
-      const Index at = dynamics.free_v(free);
-      const Vector3 about = moment + (point - frame.translation).cross(f);
-      force.segment<3>(at) += frame.rotation.transpose() * f;
-      force.segment<3>(at + 3) += frame.rotation.transpose() * about;
-    } else if (body.frame > 0) {
-      const Vector3 about = moment + point.cross(f);
-      for (const int k : dynamics.support(body.frame)) {
-        const double* m = dynamics.motion(k);
-        force[k] += m[0] * f[0] + m[1] * f[1] + m[2] * f[2] + m[3] * about[0] + m[4] * about[1] + m[5] * about[2];
-      }
-    }
-  }
 }
 
 void Simulator::Impl::make_guess() {
@@ -403,7 +281,9 @@ void Simulator::step() {
 
   // Velocity at the end of the step without constraint impulses (S1, S2).
   s.dynamics.update(s.q, s.v);
-  s.sum_forces();
+  s.force = s.applied - s.dynamics.bias();
+  s.implicit.setZero();
+  s.forces.add(s.dynamics, s.q, s.v, &s.control, &s.wrench, s.settings.time_step, s.force, s.implicit);
   if (!s.dynamics.factor(s.implicit))
     throw InvalidInput("q", "makes the mass matrix lose its definiteness (numbers too large?)");
   s.free_v = s.settings.time_step * s.force;
@@ -438,29 +318,7 @@ void Simulator::step() {
 
 std::vector<Contact> Simulator::contacts() const {
   const Impl& s = *impl_;
-  std::vector<Contact> list;
-  for (const Assembler::Set& set : s.assembler.sets()) {
-    if (set.source != SetSource::Contact) continue;
-    const ContactPoint& point = s.detector.points()[static_cast<std::size_t>(set.index)];
-    Contact contact;
-    contact.geometry_a = point.geometry_a;
-    contact.geometry_b = point.geometry_b;
-    contact.position = point.position;
-    contact.frame = set.frame;
-    contact.distance = point.distance;
-    const Vector3 impulse = s.impulse.segment<3>(set.start);
-    contact.force = impulse / s.settings.time_step;
-    contact.velocity = s.sigma.segment<3>(set.start);
-    contact.velocity[2] -= set.correction + set.compliance * impulse[2];  // sigma without gap and spring
-    // On the border of the cone it slides, if not by velocity then by the next ounce of force.
-    const double border = set.material.friction * impulse[2];
-    contact.mode = !(impulse[2] > 0.0)                                 ? ContactMode::Open
-                   : impulse.head<2>().norm() >= (1.0 - 1e-9) * border ? ContactMode::Slide
-                                                                       : ContactMode::Stick;
-    contact.id = point.id;
-    list.push_back(contact);
-  }
-  return list;
+  return contact_reports(s.assembler, s.detector.points(), s.impulse, s.sigma, s.settings.time_step);
 }
 
 Vector3 Simulator::contact_force(int body_a, int body_b) const {

@@ -83,6 +83,8 @@ const char* name(Status status) {
       return "solved";
     case Status::MaxIterations:
       return "max iterations";
+    case Status::Infeasible:
+      return "infeasible";
     case Status::Stalled:
       return "stalled";
     case Status::Invalid:

@@ -20,6 +20,9 @@ struct CorrectionSettings {
   double restitution_threshold = 0.05;  ///< approach speed below which nothing bounces [m/s]
 };
 
+/// Columns (t1, t2, n), right-handed, of a contact with this unit normal.
+Matrix3 contact_frame(const Vector3& normal);
+
 /// What a set of the assembled problem stands for.
 enum class SetSource : std::uint8_t {
   Contact,        ///< index: of the contact point

@@ -31,10 +31,10 @@ class Dynamics {
 
   /// Placements, mass matrix and bias at (q, v); the factor is stale until factor().
   void update(const ConstVectorRef& q, const ConstVectorRef& v);
-  /// Placements, velocities and inertias only: all that inverse() needs.
-  void update_velocities(const ConstVectorRef& q, const ConstVectorRef& v);
   /// Placements only.
   void update_placements(const ConstVectorRef& q);
+  /// After it: velocities and inertias, all that inverse() needs.
+  void update_velocities(const ConstVectorRef& v);
   const std::vector<Placement>& frames() const { return frames_; }
 
   /// Generalised force of gravity and Coriolis terms: M dv/dt = force - bias.

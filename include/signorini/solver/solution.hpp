@@ -11,6 +11,7 @@ enum class Status {
   Solved,         ///< the certificate is within the tolerance; said of nothing else
   MaxIterations,  ///< out of iterations; impulse is the best seen
   Stalled,        ///< the method cannot go on; impulse is the best seen
+  Infeasible,     ///< inverse only: no impulse allows this motion
   Invalid         ///< no finite impulse was found; impulse is zero
 };
 

@@ -1,0 +1,42 @@
+#pragma once
+
+#include "signorini/problem/constraint_set.hpp"
+#include "signorini/solver/solution.hpp"
+
+namespace signorini {
+
+struct InverseSettings {
+  Law law = Law::Ncp;
+  double proximal_weight = 1e-8;  ///< rho [1/kg], in (0, 1e6]; takes the place of a compliance that is 0
+  double tolerance = 1e-6;        ///< on InverseSolution::relative, in (0, 1)
+  int max_iterations = 100;       ///< at least 1
+
+  /// Raises InvalidInput naming the field, its value and the allowed range.
+  void validate() const;
+};
+
+/// Complete also when there is no solution: the impulse is then the last iterate.
+struct InverseSolution {
+  /// Solved, MaxIterations, Infeasible: no impulse allows the velocity; Invalid: the impulse is too large for a number.
+  Status status = Status::Invalid;
+  GrowVector impulse;   ///< lambda [N s]
+  GrowVector velocity;  ///< sigma = R lambda + c [m/s], without Gamma
+  /// max over the sets of dist(-(sigma + Gamma(sigma)), N_K(lambda)): how far the velocity is from one that the law
+  /// allows with this impulse [m/s, rad/s].
+  double residual = 0.0;
+  double relative = 0.0;  ///< the same over max |c| of the sets and the caller's speed
+  Index worst = -1;       ///< the set with the largest residual; -1 without sets
+  int iterations = 0;
+};
+
+/// The impulse behind a contact velocity (docs/theory.md, section 13; Carpentier et al. 2024, section IV):
+///     lambda in K,   sigma = R lambda + c,   -(sigma + Gamma(sigma)) in N_K(lambda).
+/// Where R = 0 there are many or none: the answer is the one next to the guess, by proximal steps.
+/// velocity: c = J v + corrections [m/s]. compliance: diagonal of R [1/kg] >= 0, equal for the two tangents of a
+/// contact. guess: an impulse, in K or not, or null for 0. speed: what counts as large besides c [m/s], for relative.
+/// Allocates nothing for sizes already seen. Raises InvalidInput naming the field, the value and the allowed range.
+void solve_inverse(const ConstVectorRef& velocity, const ConstVectorRef& compliance, const ConstraintSets& sets,
+                   const InverseSettings& settings, InverseSolution& solution, const ConstVectorRef* guess = nullptr,
+                   double speed = 0.0);
+
+}  // namespace signorini

@@ -1,0 +1,101 @@
+"""The impulse behind a contact velocity: inverse dynamics of contacts alone, without a robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from signorini import _arrays, _core
+from signorini._core import InvalidInputError
+from signorini._problem import Constraint, _constraint_sets
+from signorini._solve import LawName, _choice
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class InverseSolution:
+    """What inverse_contact returns; complete also when there is no solution.
+
+    status: "solved"; "infeasible", no impulse allows this velocity; "max iterations"; "invalid", the impulse is too
+        large for a number. Unless solved, the impulse is the last iterate
+    impulse: [N s], (n,)
+    velocity: s = R impulse + c [m/s], (n,), without the De Saxce correction
+    residual: how far the velocity is from one that the law allows with this impulse [m/s, rad/s]: the largest
+        dist(-(s + Gamma(s)), N_K(impulse)) of the constraints
+    relative: the same over the largest |c| of a constraint; compared with the tolerance
+    worst: the constraint with the largest residual; -1 without constraints
+    iterations: proximal steps
+    """
+
+    status: str
+    impulse: npt.NDArray[np.float64]
+    velocity: npt.NDArray[np.float64]
+    residual: float
+    relative: float
+    worst: int
+    iterations: int
+
+    @property
+    def solved(self) -> bool:
+        return self.status == "solved"
+
+    def __repr__(self) -> str:
+        return f"InverseSolution({self.status}, residual={self.residual:.1e} m/s, iterations={self.iterations})"
+
+
+def inverse_contact(
+    contact_velocity: npt.ArrayLike,
+    compliance: npt.ArrayLike | None = None,
+    friction: npt.ArrayLike | None = None,
+    impulse_guess: npt.ArrayLike | None = None,
+    law: LawName = "ncp",
+    *,
+    constraints: Sequence[Constraint] | None = None,
+    proximal_weight: float = 1e-8,
+    tolerance: float = 1e-6,
+    max_iterations: int = 100,
+) -> InverseSolution:
+    """Which impulse x makes contacts move at c: x in K, -(s + Gamma(s)) in the normal cone of K at x, s = R x + c.
+
+    Where R = 0 there are many answers, or none: a contact that slides at c may carry any normal impulse. The answer is
+    the one next to impulse_guess. (Carpentier et al. 2024, section IV and eq. 47; docs/theory.md, section 13.)
+
+    contact_velocity: c = J v + corrections [m/s], (n,); per contact (T1, T2, N), normal last, positive when separating.
+    compliance: diagonal of R [1/kg] >= 0, (n,), equal for the two tangents of a contact; None for rigid contact.
+    friction: coefficients [1] >= 0, (nc,) with n = 3 nc, for contacts only. One number serves all.
+    impulse_guess: [N s], (n,), in K or not; None for 0.
+    law: "ncp", Signorini and Coulomb with maximum dissipation, or "ccp", its convex relaxation, for which a rigid
+        contact cannot slide without lifting.
+    constraints: instead of friction, a sequence of FrictionCone, HalfLine, Interval, Equality in row order.
+    proximal_weight: rho [1/kg], in (0, 1e6]; stands in where R = 0.
+    tolerance: on `relative`, in (0, 1). max_iterations: at least 1.
+
+    Raises InvalidInputError, a ValueError, naming the field, its value and what is allowed. No solution is a status.
+    """
+    c = _arrays.vector("contact_velocity", contact_velocity)
+    if (friction is None) == (constraints is None):
+        given = "neither" if friction is None else "both"
+        raise InvalidInputError(f"friction: {given} of friction and constraints given, must be exactly one")
+    if constraints is not None:
+        sets = _constraint_sets(tuple(constraints))
+        if sets.size != c.size:
+            raise InvalidInputError(f"constraints: have {sets.size} rows, must have {c.size}")
+    else:
+        if c.size % 3 != 0:
+            raise InvalidInputError(f"contact_velocity: has {c.size} entries, must have 3 for each contact")
+        if isinstance(friction, (int, float)) or getattr(friction, "shape", None) == ():
+            friction = np.full(c.size // 3, _arrays.number("friction", np.asarray(friction).item()))
+        sets = _core.ConstraintSets.friction_cones(_arrays.vector("friction", friction, c.size // 3))
+    r = np.zeros(c.size) if compliance is None else _arrays.vector("compliance", compliance, c.size)
+    guess = np.zeros(c.size) if impulse_guess is None else _arrays.vector("impulse_guess", impulse_guess, c.size)
+    settings = _core.InverseSettings()
+    settings.law = _choice("law", law, _core.Law)
+    settings.proximal_weight = _arrays.number("proximal_weight", proximal_weight)
+    settings.tolerance = _arrays.number("tolerance", tolerance)
+    settings.max_iterations = _arrays.count("max_iterations", max_iterations, 1)
+    out = _core.solve_inverse(c, r, sets, settings, guess, 0.0)
+    return InverseSolution(
+        out.status.name, out.impulse, out.velocity, out.residual, out.relative, out.worst, out.iterations
+    )

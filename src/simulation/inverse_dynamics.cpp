@@ -1,0 +1,374 @@
+#include "signorini/simulation/inverse_dynamics.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+#include "contact_report.hpp"
+#include "forces.hpp"
+#include "integration.hpp"
+#include "require.hpp"
+#include "signorini/delassus/dense.hpp"
+#include "world_collision.hpp"
+
+namespace signorini {
+namespace {
+
+constexpr double kSlowest = 1e-6;  // [m/s] speeds are never judged against less: rounding is no motion
+constexpr int kBounceRounds = 8;
+
+void require_size(const char* field, Index size, Index wanted, bool may_be_empty = false) {
+  if (size == wanted || (may_be_empty && size == 0)) return;
+  throw InvalidInput(field, "has " + std::to_string(size) + " values, must have " + std::to_string(wanted));
+}
+
+}  // namespace
+
+struct InverseDynamics::Impl {
+  Impl(std::shared_ptr<const World> w, const SimulatorSettings& s, const InverseSettings& i)
+      : world(std::move(w)),
+        settings(s),
+        inverse(i),
+        dynamics(world),
+        forces(*world),
+        detector(collision_geometries(*world), collision_filter(*world), detector_settings(s)),
+        assembler(world, correction_settings(s)),
+        wrenches(static_cast<std::size_t>(world->num_frames())) {
+    const Index nv = world->num_v();
+    for (Vector* x : {&u, &acceleration, &other, &implicit, &joint_force, &result.force, &result.v_next})
+      *x = Vector::Zero(nv);
+    default_actuated = InverseDynamics::actuated(*world);
+  }
+
+  void check(const Input& input) const;
+  void start(const Input& input);
+  void guess_from(const Simulator& simulator);
+  void find_impulses();
+  void add_up(bool with_impulses);
+  void find_bounces();
+  bool change_inconsistent_bounces(const Input& input);
+  Status move_to_closest(const Input& input);
+
+  std::shared_ptr<const World> world;
+  SimulatorSettings settings;
+  InverseSettings inverse;
+  Dynamics dynamics;
+  Forces forces;
+  Detector detector;
+  std::vector<ContactPoint> points;
+  Assembler assembler;
+  std::vector<Wrench> wrenches;  // of the constraints, by frame
+
+  Vector q, u;  // u: the velocity wanted, in the frames of the step
+  Vector acceleration, other, implicit, joint_force;
+  GrowVector compliance, guess;  // of all rows
+  double speed = 0.0;
+  InverseSolution solution;
+  InverseDynamicsResult result;
+  std::vector<std::uint8_t> default_actuated;
+};
+
+InverseDynamics::InverseDynamics(std::shared_ptr<const World> world, const SimulatorSettings& settings,
+                                 const InverseSettings& inverse) {
+  if (!world) throw InvalidInput("world", "is null");
+  settings.validate();
+  inverse.validate();
+  impl_ = std::make_unique<Impl>(std::move(world), settings, inverse);
+}
+InverseDynamics::~InverseDynamics() = default;
+InverseDynamics::InverseDynamics(InverseDynamics&&) noexcept = default;
+
+const World& InverseDynamics::world() const { return *impl_->world; }
+const std::vector<ContactPoint>& InverseDynamics::points() const { return impl_->points; }
+
+std::vector<std::uint8_t> InverseDynamics::actuated(const World& world) {
+  std::vector<std::uint8_t> has(static_cast<std::size_t>(world.num_v()), world.actuators().empty() ? 1 : 0);
+  for (const Actuator& a : world.actuators())
+    has[static_cast<std::size_t>(world.joints()[static_cast<std::size_t>(a.joint)].v_index + a.component)] = 1;
+  if (world.actuators().empty())
+    for (const Joint& joint : world.joints())
+      if (joint.type == JointType::Free) std::fill_n(has.begin() + joint.v_index, 6, std::uint8_t{0});
+  return has;
+}
+
+void InverseDynamics::set_configuration(const ConstVectorRef& q, const std::vector<ContactPoint>& points) {
+  Impl& s = *impl_;
+  require_size("q", q.size(), s.world->num_q());
+  require_finite("q", q);
+  s.q = q;
+  if (!s.world->normalize(s.q)) throw InvalidInput("q", "has a quaternion of length 0");
+  s.dynamics.update_placements(s.q);
+  s.points = points;
+}
+
+void InverseDynamics::set_configuration(const ConstVectorRef& q) {
+  Impl& s = *impl_;
+  set_configuration(q, {});
+  s.detector.reset();  // what it found before must not show
+  s.points = s.detector.detect(s.dynamics.frames());
+}
+
+void InverseDynamics::Impl::check(const Input& input) const {
+  const Index nv = world->num_v();
+  if (q.size() == 0 && world->num_q() > 0) throw InvalidInput("q", "has not been set");
+  require_size("v", input.v.size(), nv);
+  require_size("v_next", input.v_next.size(), nv);
+  require_size("control", input.control.size(), world->num_controls(), true);
+  const auto bodies = static_cast<Index>(world->bodies().size());
+  require_size("external_wrench", input.external_wrench.size(), 6 * bodies, true);
+  require_size("impulse_guess", input.impulse_guess.size(), 3 * static_cast<Index>(points.size()), true);
+  require_size("actuated", static_cast<Index>(input.actuated.size()), nv, true);
+  require_finite("v", input.v);
+  require_finite("v_next", input.v_next);
+  require_finite("control", input.control);
+  require_finite("external_wrench", Eigen::Map<const Vector>(input.external_wrench.data(), input.external_wrench.size()));
+  require_finite("impulse_guess", input.impulse_guess);
+}
+
+/// The constraints as the motion u meets them.
+void InverseDynamics::Impl::start(const Input& input) {
+  assembler.assemble(dynamics, q, input.v, u, points);
+  const Index rows = assembler.num_rows();
+  compliance.setZero(rows);
+  for (const Assembler::Set& set : assembler.sets()) compliance[set.start + set.rows - 1] = set.compliance;
+  guess.setZero(rows);  // contacts come first
+  guess.head(input.impulse_guess.size()) = input.impulse_guess;
+  if (input.simulator) guess_from(*input.simulator);
+  speed = std::max(kSlowest, settings.time_step * world->gravity().norm());
+}
+
+/// The impulses of a step from this configuration: of the same contacts, limits, joints and equalities.
+void InverseDynamics::Impl::guess_from(const Simulator& simulator) {
+  const std::vector<Assembler::Set>& theirs = simulator.assembler().sets();
+  const auto same = [](const Assembler::Set& a, const Assembler::Set& b) {
+    return a.source == b.source && a.index == b.index && a.row == b.row && a.point_b == b.point_b;
+  };
+  std::size_t at = 0;  // both are in the same order, limits may be missing in either
+  for (const Assembler::Set& set : assembler.sets()) {
+    std::size_t k = at;
+    while (k < theirs.size() && !same(set, theirs[k])) ++k;
+    if (k == theirs.size()) {
+      if (set.source == SetSource::Contact)
+        throw InvalidInput("impulse_guess", "is a simulator whose last step had other contacts than this configuration");
+      continue;
+    }
+    guess.segment(set.start, set.rows) = simulator.impulse().segment(theirs[k].start, set.rows);
+    at = k + 1;
+  }
+}
+
+void InverseDynamics::Impl::find_impulses() {
+  const ConstVectorRef from(guess);
+  solve_inverse(assembler.free_velocity(), compliance, assembler.constraint_sets(), inverse, solution, &from, speed);
+}
+
+/// result.force = M^ dv/dt + bias - J^T impulse / dt - everything else (S11).
+void InverseDynamics::Impl::add_up(bool with_impulses) {
+  std::fill(wrenches.begin(), wrenches.end(), Wrench());
+  joint_force.setZero();
+  if (with_impulses) assembler.add_forces(solution.impulse, 1.0 / settings.time_step, wrenches, joint_force);
+  dynamics.inverse(acceleration, wrenches, result.force);
+  result.force += implicit.cwiseProduct(acceleration) - joint_force - other;
+}
+
+const InverseDynamicsResult& InverseDynamics::solve(const Input& input) {
+  Impl& s = *impl_;
+  s.check(input);
+  const double dt = s.settings.time_step;
+  s.u = input.v_next;
+  if (!turn_back(*s.world, dt, s.u))
+    throw InvalidInput("v_next", "turns a free body by more than about 1 rad in one step");
+  s.dynamics.update_velocities(input.v);
+  s.other.setZero();
+  s.implicit.setZero();
+  s.forces.add(s.dynamics, s.q, input.v, input.control.size() > 0 ? &input.control : nullptr,
+               input.external_wrench.size() > 0 ? &input.external_wrench : nullptr, dt, s.other, s.implicit);
+  s.result.v_next = input.v_next;
+  s.start(input);
+  Status closest = Status::Solved;
+  if (input.closest) closest = s.move_to_closest(input);
+  s.find_bounces();
+  for (int round = 0;; ++round) {
+    s.find_impulses();
+    if (!s.change_inconsistent_bounces(input)) break;
+    if (round < kBounceRounds) continue;
+    s.solution.status = Status::MaxIterations;
+    break;
+  }
+  s.acceleration = (s.u - input.v) / dt;
+  s.add_up(true);
+  s.result.status = s.solution.status == Status::Solved ? closest : s.solution.status;
+  s.result.residual = s.solution.residual;
+  s.result.relative = s.solution.relative;
+  s.result.iterations = s.solution.iterations;
+  s.result.contact_impulse = s.solution.impulse.head(3 * static_cast<Index>(s.points.size()));
+  return s.result;
+}
+
+/// Whether a contact that approaches fast bounces depends on the velocity without contact, which follows from the
+/// answer (S12): start with what comes closest to the guess.
+void InverseDynamics::Impl::find_bounces() {
+  for (std::size_t i = 0; i < assembler.sets().size(); ++i) {
+    const Assembler::Set& set = assembler.sets()[i];
+    if (set.bounce == 0.0) continue;
+    const double wanted = guess[set.start + 2];
+    double away[2];
+    for (const bool bounces : {false, true}) {
+      assembler.set_bounce(i, bounces);
+      const double c = assembler.free_velocity()[set.start + 2];
+      if (set.compliance > 0.0)
+        away[bounces] = std::abs(std::max(0.0, -c / set.compliance) - wanted);
+      else  // any impulse where c = 0, none where it separates
+        away[bounces] = std::abs(c) <= inverse.tolerance * speed ? 0.0 : c > 0.0 ? std::abs(wanted) : kInfinity;
+    }
+    assembler.set_bounce(i, away[1] < away[0]);
+  }
+}
+
+/// Bounces only what would close its gap without contact impulses. True when something changed.
+bool InverseDynamics::Impl::change_inconsistent_bounces(const Input& input) {
+  const std::vector<Assembler::Set>& sets = assembler.sets();
+  if (std::none_of(sets.begin(), sets.end(), [](const Assembler::Set& set) { return set.bounce != 0.0; })) return false;
+  dynamics.update(q, input.v);
+  dynamics.factor(implicit);
+  acceleration.setZero();
+  std::fill(wrenches.begin(), wrenches.end(), Wrench());
+  joint_force.setZero();
+  assembler.add_forces(solution.impulse, 1.0, wrenches, joint_force);
+  Vector momentum(u.size());  // J^T impulse: what the wrenches take from the bias
+  dynamics.inverse(acceleration, wrenches, momentum);
+  momentum = dynamics.bias() - momentum + joint_force;
+  dynamics.solve(momentum);
+  const Vector free_v = u - momentum;
+  GrowVector free;
+  free.resize(assembler.num_rows());
+  assembler.velocities(free_v, free);
+  bool changed = false;
+  for (std::size_t i = 0; i < sets.size(); ++i) {
+    if (sets[i].bounce == 0.0) continue;
+    const bool closes = sets[i].gap + settings.time_step * free[sets[i].start + 2] <= 0.0;
+    if (closes == sets[i].bounces) continue;
+    assembler.set_bounce(i, closes);
+    changed = true;
+  }
+  return changed;
+}
+
+/// u <- the closest motion that needs no force where nothing is actuated (S13, S14); guess <- its impulses.
+Status InverseDynamics::Impl::move_to_closest(const Input& input) {
+  const std::vector<std::uint8_t>& actuated = input.actuated.empty() ? default_actuated : input.actuated;
+  std::vector<Index> free;  // unactuated velocities
+  for (Index k = 0; k < u.size(); ++k)
+    if (!actuated[static_cast<std::size_t>(k)]) free.push_back(k);
+  if (free.empty()) return Status::Solved;
+
+  dynamics.update(q, input.v);
+  Matrix mass = dynamics.mass_matrix();
+  mass.diagonal() += implicit;
+  Matrix jacobian(assembler.num_rows(), u.size());
+  GrowVector column;
+  column.resize(jacobian.rows());
+  for (Index k = 0; k < u.size(); ++k) {
+    assembler.velocities(Vector::Unit(u.size(), k), column);
+    jacobian.col(k) = column;
+  }
+  Settings solver = settings.solver;
+  solver.law = inverse.law;
+  Status status = Status::Solved;
+
+  // First what rigid contacts, limits and equalities allow at all: a quadratic program, without friction.
+  ConstraintSets kinematic;
+  std::vector<Index> rows;
+  bool violated = false;
+  const double allowed = inverse.tolerance * speed;
+  for (std::size_t i = 0; i < assembler.sets().size(); ++i) {
+    const Assembler::Set& set = assembler.sets()[i];
+    const Index row = set.start + set.rows - 1;
+    if (set.compliance > 0.0 || set.source == SetSource::JointFriction) continue;
+    const bool both = set.source == SetSource::Equality;
+    both ? kinematic.add_equality() : kinematic.add_half_line();
+    rows.push_back(row);
+    const double c = assembler.free_velocity()[row];
+    violated = violated || c < -allowed || (both && c > allowed);
+  }
+  if (violated) {
+    const Eigen::LLT<Matrix> factor(mass);
+    const Matrix j = jacobian(rows, Eigen::all);
+    const Matrix back = factor.solve(j.transpose());
+    const Vector c = assembler.free_velocity()(rows);
+    const Solution projection =
+        signorini::solve(ContactProblem(std::make_shared<DenseDelassus>(j * back), c, kinematic), solver);
+    status = projection.status;
+    u += back * projection.impulse;
+    start(input);
+  }
+
+  // Then, joints as they are now, the motion of what is not actuated: a contact problem with
+  // G = J_u M_uu^-1 J_u^T. Sets that do not feel it keep their velocity, and their impulses are found afterwards.
+  acceleration = (u - input.v) / settings.time_step;
+  add_up(false);
+  const Eigen::LLT<Matrix> factor(mass(free, free));
+  ConstraintSets coupled;
+  rows.clear();
+  for (Index i = 0; i < static_cast<Index>(assembler.sets().size()); ++i) {
+    const Assembler::Set& set = assembler.sets()[static_cast<std::size_t>(i)];
+    if (jacobian.middleRows(set.start, set.rows)(Eigen::all, free).isZero(1e-12)) continue;
+    coupled.add(assembler.constraint_sets()[i]);
+    for (int r = 0; r < set.rows; ++r) rows.push_back(set.start + r);
+  }
+  const Vector missing = settings.time_step * result.force(free);  // what nobody gives [N s]
+  const Matrix j = jacobian(rows, free);
+  const Matrix back = factor.solve(j.transpose());
+  Vector change = -factor.solve(missing);
+  if (!rows.empty()) {
+    const Vector g = assembler.free_velocity()(rows) + j * change;
+    const Guess from{Vector(guess(rows)), 0.0};
+    const Solution answer = signorini::solve(
+        ContactProblem(std::make_shared<DenseDelassus>(j * back), g, coupled, compliance(rows)), solver, &from);
+    if (answer.status != Status::Solved) status = answer.status;
+    change += back * answer.impulse;
+    guess(rows) = answer.impulse;
+  }
+  u(free) += change;
+  const Vector kept = guess;
+  start(input);
+  guess = kept;
+  Vector moved = q;
+  result.v_next = u;
+  advance(*world, settings.time_step, moved, result.v_next);
+  return status;
+}
+
+std::vector<Contact> InverseDynamics::contacts() const {
+  const Impl& s = *impl_;
+  return contact_reports(s.assembler, s.points, s.solution.impulse, s.solution.velocity, s.settings.time_step);
+}
+
+std::string InverseDynamics::worst() const {
+  const Impl& s = *impl_;
+  if (!(s.solution.residual > 0.0) || s.solution.worst < 0) return "";
+  const Assembler::Set& set = s.assembler.sets()[static_cast<std::size_t>(s.solution.worst)];
+  const auto joint_of = [&](Index v) {
+    for (const Joint& joint : s.world->joints())
+      if (v >= joint.v_index && v < joint.v_index + joint.num_v()) return "'" + joint.name + "'";
+    return std::string();
+  };
+  switch (set.source) {
+    case SetSource::Contact: {
+      const ContactPoint& point = s.points[static_cast<std::size_t>(set.index)];
+      const auto geometry = [&](int g) { return "'" + s.world->geometries()[static_cast<std::size_t>(g)].name + "'"; };
+      return "contact of " + geometry(point.geometry_a) + " and " + geometry(point.geometry_b);
+    }
+    case SetSource::LowerLimit:
+      return "lower limit of joint " + joint_of(set.v_b);
+    case SetSource::UpperLimit:
+      return "upper limit of joint " + joint_of(set.v_b);
+    case SetSource::JointFriction:
+      return "friction of joint " + joint_of(set.v_b);
+    case SetSource::Equality:
+      return "equality '" + s.world->constraints()[static_cast<std::size_t>(set.index)].name + "'";
+  }
+  return "";
+}
+
+}  // namespace signorini

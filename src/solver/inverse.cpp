@@ -1,0 +1,192 @@
+// Algorithm 2 of Carpentier et al. 2024 (section IV), with the correction of each proximal step in closed form: R has no
+// coupling between contacts, so that s = Gamma(sigma) needs not be that of the iterate before (docs/theory.md, section
+// 13).
+#include "signorini/solver/inverse.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "require.hpp"
+
+namespace signorini {
+namespace {
+
+constexpr double kOverflow = 1e100;  // beyond: no number to work with
+constexpr double kBorder = 1e-12;  // share of the cone's radius that is rounding
+
+using Row3 = Eigen::Vector3d;
+
+/// sigma + Gamma(sigma) of a friction cone.
+Row3 corrected(double friction, Law law, const Row3& sigma) {
+  Row3 s = sigma;
+  if (law == Law::Ncp) s[2] += friction * sigma.head<2>().norm();
+  return s;
+}
+
+/// dist(-s, N_K(impulse)) at a point of a friction cone: K's polar cone at 0, a ray on the border, 0 inside.
+double distance_to_normals(double friction, const Row3& impulse, const Row3& s) {
+  if (impulse.isZero(0.0)) {
+    Row3 beyond = -s;  // what the polar cone does not hold of it (Moreau)
+    project_friction_cone(friction, beyond.data(), beyond.data());
+    return beyond.norm();
+  }
+  if (friction == 0.0) return std::abs(s[2]);
+  const double tangent = impulse.head<2>().norm();
+  if (tangent < (1.0 - kBorder) * friction * impulse[2]) return s.norm();
+  const Row3 ray = Row3(impulse[0] / tangent, impulse[1] / tangent, -friction) / std::hypot(1.0, friction);
+  return (s + std::max(0.0, -s.dot(ray)) * ray).norm();
+}
+
+/// The same for one row: N_K is the line below, above, or all of it at both ends of an interval of length 0.
+double distance_to_normals(const ConstraintSet& set, double impulse, double s) {
+  double lower = -1.0 / 0.0, upper = 1.0 / 0.0;
+  if (set.type == SetType::HalfLine) lower = 0.0;
+  if (set.type == SetType::Interval) lower = set.lower, upper = set.upper;
+  if (impulse <= lower) s = std::min(s, 0.0);
+  if (impulse >= upper) s = std::max(s, 0.0);
+  return std::abs(s);
+}
+
+double set_residual(const ConstraintSet& set, Law law, const double* impulse, const double* sigma) {
+  if (set.type != SetType::FrictionCone) return distance_to_normals(set, *impulse, *sigma);
+  const Row3 x(impulse[0], impulse[1], impulse[2]);
+  return distance_to_normals(set.friction, x, corrected(set.friction, law, Row3(sigma[0], sigma[1], sigma[2])));
+}
+
+/// Least change of c with which an impulse exists; 0 where compliance gives way.
+double infeasibility(const ConstraintSet& set, Law law, const double* c, const double* compliance) {
+  if (compliance[set.size() - 1] > 0.0) return 0.0;
+  switch (set.type) {
+    case SetType::FrictionCone: {
+      if (law == Law::Ncp || compliance[0] > 0.0) return std::max(0.0, -c[2]);
+      Row3 beyond(-c[0], -c[1], -c[2]);  // the CCP holds c in K*
+      project_friction_cone(set.friction, beyond.data(), beyond.data());
+      return beyond.norm();
+    }
+    case SetType::HalfLine:
+      return std::max(0.0, -*c);
+    case SetType::Interval:
+      return std::isinf(*c > 0.0 ? set.lower : set.upper) ? std::abs(*c) : 0.0;
+    case SetType::Equality:
+      return std::abs(*c);
+  }
+  return 0.0;
+}
+
+/// Impulse of a friction cone for R = diag(d_t, d_t, d_n) > 0, which is unique.
+Row3 cone_impulse(double friction, Law law, const Row3& c, double d_t, double d_n) {
+  Row3 x;
+  if (law == Law::Ccp) {  // the projection in the metric of R (48)
+    const double root_t = std::sqrt(d_t), root_n = std::sqrt(d_n);
+    x = Row3(-c[0] / root_t, -c[1] / root_t, -c[2] / root_n);
+    project_friction_cone(friction * root_t / root_n, x.data(), x.data());
+    return Row3(x[0] / root_t, x[1] / root_t, x[2] / root_n);
+  }
+  x = Row3(-c[0] / d_t, -c[1] / d_t, std::max(0.0, -c[2] / d_n));  // Signorini knows nothing of the tangents ...
+  const double tangent = x.head<2>().norm(), radius = friction * x[2];
+  if (tangent > radius) x.head<2>() *= radius / tangent;  // ... and Coulomb takes what is left
+  return x;
+}
+
+void check_input(const ConstVectorRef& velocity, const ConstVectorRef& compliance, const ConstraintSets& sets,
+                 const ConstVectorRef* guess, double speed) {
+  const auto check_size = [&](const char* field, const ConstVectorRef& x) {
+    if (x.size() != sets.size())
+      throw InvalidInput(field, "has " + std::to_string(x.size()) + " entries, must have " +
+                                    std::to_string(sets.size()) + ", the rows of the constraints");
+    require_finite(field, x);
+  };
+  check_size("velocity", velocity);
+  check_size("compliance", compliance);
+  if (guess) check_size("guess", *guess);
+  require(speed >= 0.0 && speed <= kOverflow, "speed", speed, "in [0, 1e100] m/s");
+  for (Index i = 0; i < compliance.size(); ++i)
+    if (!(compliance[i] >= 0.0)) require(false, "compliance[" + std::to_string(i) + "]", compliance[i], "at least 0");
+  for (const ConstraintSet& set : sets) {
+    if (set.type != SetType::FrictionCone || compliance[set.offset] == compliance[set.offset + 1]) continue;
+    require(false, "compliance[" + std::to_string(set.offset + 1) + "]", compliance[set.offset + 1],
+            "equal to that of the other tangent of its contact, or the cone is no cone in the metric of R");
+  }
+}
+
+}  // namespace
+
+void InverseSettings::validate() const {
+  require(proximal_weight > 0.0 && proximal_weight <= 1e6, "proximal_weight", proximal_weight, "in (0, 1e6] 1/kg");
+  require(tolerance > 0.0 && tolerance < 1.0, "tolerance", tolerance, "in (0, 1)");
+  require(max_iterations >= 1, "max_iterations", max_iterations, "at least 1");
+}
+
+void solve_inverse(const ConstVectorRef& velocity, const ConstVectorRef& compliance, const ConstraintSets& sets,
+                   const InverseSettings& settings, InverseSolution& solution, const ConstVectorRef* guess,
+                   double speed) {
+  settings.validate();
+  check_input(velocity, compliance, sets, guess, speed);
+  const double rho = settings.proximal_weight;
+  const Law law = settings.law;
+  GrowVector &x = solution.impulse, &sigma = solution.velocity;
+  x.resize(sets.size());
+  sigma.resize(sets.size());
+  if (guess)
+    sets.project(*guess, x);
+  else
+    for (const ConstraintSet& set : sets) {  // an interval needs not hold 0
+      x.segment(set.offset, set.size()).setZero();
+      project(set, x.data() + set.offset, x.data() + set.offset);
+    }
+  double largest = speed;
+  for (const ConstraintSet& set : sets)
+    largest = std::max(largest, velocity.segment(set.offset, set.size()).norm());
+  const double allowed = settings.tolerance * largest;
+
+  for (solution.iterations = 0;; ++solution.iterations) {
+    const double before = solution.residual;
+    solution.residual = 0.0;
+    solution.worst = sets.num_sets() > 0 ? 0 : -1;
+    sigma = velocity + compliance.cwiseProduct(x);
+    for (Index i = 0; i < sets.num_sets(); ++i) {
+      const ConstraintSet& set = sets[i];
+      const double own = set_residual(set, law, x.data() + set.offset, sigma.data() + set.offset);
+      if (own > solution.residual || own != own) solution.residual = own, solution.worst = i;
+      if (own != own) break;
+    }
+    solution.relative = solution.residual > 0.0 ? solution.residual / largest : solution.residual;
+    if (!(solution.residual <= kOverflow) || !x.allFinite()) {
+      solution.status = Status::Invalid;
+      return;
+    }
+    if (solution.residual <= allowed) {
+      solution.status = Status::Solved;
+      return;
+    }
+    // An infeasible set's residual does not fall while its impulse grows without bound.
+    if (solution.iterations > 0 && solution.residual > 0.9 * before) {
+      const ConstraintSet& set = sets[solution.worst];
+      if (infeasibility(set, law, velocity.data() + set.offset, compliance.data() + set.offset) > allowed) {
+        solution.status = Status::Infeasible;
+        return;
+      }
+    }
+    if (solution.iterations == settings.max_iterations) {
+      solution.status = Status::MaxIterations;
+      return;
+    }
+
+    // One proximal step: the unique solution with D = R + rho where R = 0, at c - rho lambda.
+    for (const ConstraintSet& set : sets) {
+      double* own = x.data() + set.offset;
+      const double *c = velocity.data() + set.offset, *r = compliance.data() + set.offset;
+      const auto weight = [&](Index k) { return r[k] > 0.0 ? r[k] : rho; };
+      const auto shifted = [&](Index k) { return r[k] > 0.0 ? c[k] : c[k] - rho * own[k]; };
+      if (set.type == SetType::FrictionCone) {
+        Eigen::Map<Row3>{own} =
+            cone_impulse(set.friction, law, Row3(shifted(0), shifted(1), shifted(2)), weight(0), weight(2));
+      } else {
+        *own = -shifted(0) / weight(0);
+        project(set, own, own);
+      }
+    }
+  }
+}
+
+}  // namespace signorini
