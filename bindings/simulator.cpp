@@ -8,6 +8,7 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include <chrono>
 #include <cstring>
 #include <memory>
 
@@ -214,6 +215,11 @@ void bind_model(nb::module_& m) {
              dynamics.update_placements(q);
              return dynamics.frames();
            })
+      .def("jacobian",
+           [](const std::shared_ptr<const World>& self, const Vector& q, int body, const Vector3& point) {
+             Dynamics dynamics(self);
+             return dynamics.jacobian(q, body, point);
+           })
       .def("integrate",
            [](const World& self, const Vector& q, const Vector& v, double time_step) {
              if (q.size() != self.num_q() || v.size() != self.num_v())
@@ -413,6 +419,18 @@ void bind_inverse_dynamics(nb::module_& m) {
             return self.solve(input);
           },
           "input"_a, "simulator"_a.none(), nb::call_guard<nb::gil_scoped_release>())
+      .def(
+          "seconds",  // a call, contact points given, for those who compare; set_configuration() comes before
+          [](InverseDynamics& self, const Vector& q, Input& input, int repetitions) {
+            const std::vector<ContactPoint> points = self.points();
+            const auto start = std::chrono::steady_clock::now();
+            for (int k = 0; k < repetitions; ++k) {
+              self.set_configuration(q, points);
+              self.solve(input);
+            }
+            return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() / repetitions;
+          },
+          nb::call_guard<nb::gil_scoped_release>())
       .def("contacts", &InverseDynamics::contacts)
       .def("points",  // as contacts without force or velocity
            [](const InverseDynamics& self) {

@@ -530,6 +530,13 @@ class World:
         """The joint of that name."""
         return self.joints[self._index("joint", name, self.joint_names)]
 
+    def jacobian(self, q: ArrayLike, body: str, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+        """(6, num_v): J v is the velocity of a point of a body [m/s], then its angular velocity [rad/s], world axes.
+
+        point: in the frame of the body [m]."""
+        at, index = _vector(q, self.num_q, "q"), self.body_index(body)
+        return np.array(self._core.jacobian(at, index, _vector(point, 3, "point")))
+
     def q_slice(self, joint: str) -> slice:
         """Where a joint's values are in q."""
         j = self.joint(joint)

@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "delassus/dense_kernels.hpp"
 
@@ -212,12 +213,12 @@ void Assembler::add_contacts(const std::vector<ContactPoint>& contacts) {
   }
 }
 
-void Assembler::add_limits(const ConstVectorRef& q, const ConstVectorRef& v, const ConstVectorRef& free_v) {
+void Assembler::add_limits(const ConstVectorRef& q, const ConstVectorRef& v, const ConstVectorRef& free_v, bool all) {
   for (const int j : limited_joints_) {
     const Joint& joint = world_->joints()[static_cast<std::size_t>(j)];
     // Rows only where the limit is within reach: twice the way of a step, and a little.
-    const double reach =
-        2.0 * settings_.time_step * std::max(std::abs(v[joint.v_index]), std::abs(free_v[joint.v_index])) + 2e-3;
+    const double way = settings_.time_step * std::max(std::abs(v[joint.v_index]), std::abs(free_v[joint.v_index]));
+    const double reach = all ? std::numeric_limits<double>::max() : 2.0 * way + 2e-3;
     const double below = q[joint.q_index] - joint.lower, above = joint.upper - q[joint.q_index];
     for (const bool lower : {true, false}) {
       const double gap = lower ? below : above;
@@ -329,18 +330,15 @@ void Assembler::add_forces(const ConstVectorRef& impulse, double factor, std::ve
 /// g of all sets; a bounce replaces the gap's correction where the approach is fast and would close the gap in this
 /// step (S8).
 void Assembler::correct(const ConstVectorRef& v) {
-  g_.resize(rows_);
-  velocities(free_v_, g_);
-  bool bounces = false;
-  for (const Set& set : sets_) {
-    g_[set.start + set.rows - 1] += set.correction;
-    bounces = bounces || (set.source == SetSource::Contact && set.material.restitution > 0.0);
-  }
-  if (!bounces) return;
+  set_free_velocity(free_v_);
+  const auto may_bounce = [](const Set& set) {
+    return set.source == SetSource::Contact && set.material.restitution > 0.0;
+  };
+  if (std::none_of(sets_.begin(), sets_.end(), may_bounce)) return;
   dynamics_->twists(v, twists_now_);
   for (std::size_t i = 0; i < sets_.size(); ++i) {
     Set& set = sets_[i];
-    if (set.source != SetSource::Contact || !(set.material.restitution > 0.0)) continue;
+    if (!may_bounce(set)) continue;
     double now[3];
     set_velocity(set, v, twists_now_, now);
     if (!(now[2] < -settings_.restitution_threshold)) continue;
@@ -349,6 +347,13 @@ void Assembler::correct(const ConstVectorRef& v) {
     const double arrives = g_[set.start + 2] - set.correction;
     set_bounce(i, set.gap + settings_.time_step * arrives <= 0.0);
   }
+}
+
+void Assembler::set_free_velocity(const ConstVectorRef& free_v) {
+  free_v_ = free_v;
+  g_.resize(rows_);
+  velocities(free_v_, g_);
+  for (const Set& set : sets_) g_[set.start + set.rows - 1] += set.correction;
 }
 
 void Assembler::set_bounce(std::size_t index, bool bounces) {
@@ -507,7 +512,7 @@ void Assembler::clear() {
 }
 
 void Assembler::assemble(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v,
-                         const ConstVectorRef& free_v, const std::vector<ContactPoint>& contacts) {
+                         const ConstVectorRef& free_v, const std::vector<ContactPoint>& contacts, bool all_limits) {
   if (support_masks_.empty()) {  // once: the masks of the tree
     nv_articulated_ = dynamics.num_articulated();
     words_ = static_cast<int>((nv_articulated_ + 63) / 64);
@@ -528,7 +533,7 @@ void Assembler::assemble(const Dynamics& dynamics, const ConstVectorRef& q, cons
   dynamics_ = &dynamics;
   free_v_ = free_v;
   add_contacts(contacts);
-  add_limits(q, v, free_v);
+  add_limits(q, v, free_v, all_limits);
   add_joint_friction();
   add_equalities(dynamics, q, v);
   correct(v);

@@ -428,6 +428,21 @@ void Dynamics::whiten(double* y, int rows, const int* dofs, int count) const {
   whiten(impl_->lower.data(), impl_->inverse_sqrt_d.data(), w.parent_dof, w.nv_articulated, y, dofs, count);
 }
 
+Matrix Dynamics::jacobian(const ConstVectorRef& q, int body, const Vector3& point) {
+  Matrix j(6, world_->num_v());
+  update_placements(q);
+  update_velocities(Vector::Zero(world_->num_v()));
+  const Body& b = world_->bodies()[static_cast<std::size_t>(body)];
+  const Vector3 place = frames_[static_cast<std::size_t>(b.frame)] * (b.in_frame * point);
+  std::vector<Twist> moved;
+  for (Index k = 0; k < j.cols(); ++k) {
+    twists(Vector::Unit(j.cols(), k), moved);
+    const Twist& twist = moved[static_cast<std::size_t>(b.frame)];
+    j.col(k) << twist.at(place), twist.angular;
+  }
+  return j;
+}
+
 Matrix Dynamics::mass_matrix() const {
   const World::Impl& w = world_->impl();
   Matrix m = Matrix::Zero(w.num_v, w.num_v);

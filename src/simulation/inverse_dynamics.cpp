@@ -16,10 +16,30 @@ namespace {
 
 constexpr double kSlowest = 1e-6;  // [m/s] speeds are never judged against less: rounding is no motion
 constexpr int kBounceRounds = 8;
+constexpr double kProximalShare = 1e-3;  // rho over the mean of G's diagonal, where the closest motion is sought
+constexpr int kProximalSteps = 50;
 
 void require_size(const char* field, Index size, Index wanted, bool may_be_empty = false) {
   if (size == wanted || (may_be_empty && size == 0)) return;
   throw InvalidInput(field, "has " + std::to_string(size) + " values, must have " + std::to_string(wanted));
+}
+
+/// The solution of a contact problem next to `impulse`, by proximal steps from there: each is a problem with the
+/// compliance R + rho, which always has a solution (T41).
+Status solve_next_to(Vector& impulse, const std::shared_ptr<const DenseDelassus>& delassus, const Vector& g,
+                     const ConstraintSets& sets, const Vector& compliance, const Settings& settings) {
+  const ContactProblem problem(delassus, g, sets, compliance);
+  const double rho = kProximalShare * delassus->matrix().diagonal().mean();
+  Status status = residual(problem, impulse, settings.law).solves(settings.tolerance) ? Status::Solved
+                                                                                     : Status::MaxIterations;
+  for (int k = 0; k < kProximalSteps && status != Status::Solved; ++k) {
+    const Guess from{impulse, 0.0};
+    const Solution step =
+        solve(ContactProblem(delassus, g - rho * impulse, sets, Vector(compliance.array() + rho)), settings, &from);
+    impulse = step.impulse;
+    if (residual(problem, impulse, settings.law).solves(settings.tolerance)) status = Status::Solved;
+  }
+  return status;
 }
 
 }  // namespace
@@ -65,6 +85,7 @@ struct InverseDynamics::Impl {
   double speed = 0.0;
   InverseSolution solution;
   InverseDynamicsResult result;
+  std::vector<std::uint8_t> settled;  // sets whose impulse is in guess, by set; empty: none
   std::vector<std::uint8_t> default_actuated;
 };
 
@@ -127,7 +148,7 @@ void InverseDynamics::Impl::check(const Input& input) const {
 
 /// The constraints as the motion u meets them.
 void InverseDynamics::Impl::start(const Input& input) {
-  assembler.assemble(dynamics, q, input.v, u, points);
+  assembler.assemble(dynamics, q, input.v, u, points, input.closest);
   const Index rows = assembler.num_rows();
   compliance.setZero(rows);
   for (const Assembler::Set& set : assembler.sets()) compliance[set.start + set.rows - 1] = set.compliance;
@@ -158,8 +179,26 @@ void InverseDynamics::Impl::guess_from(const Simulator& simulator) {
 }
 
 void InverseDynamics::Impl::find_impulses() {
-  const ConstVectorRef from(guess);
-  solve_inverse(assembler.free_velocity(), compliance, assembler.constraint_sets(), inverse, solution, &from, speed);
+  const ConstraintSets& sets = assembler.constraint_sets();
+  const GrowVector& c = assembler.free_velocity();
+  if (settled.empty()) {
+    const ConstVectorRef from(guess);
+    solve_inverse(c, compliance, sets, inverse, solution, &from, speed);
+    return;
+  }
+  ConstraintSets others;  // all but those that the closest motion came with
+  std::vector<Index> rows;
+  for (Index i = 0; i < sets.num_sets(); ++i) {
+    if (settled[static_cast<std::size_t>(i)]) continue;
+    others.add(sets[i]);
+    for (Index r = 0; r < sets[i].size(); ++r) rows.push_back(sets[i].offset + r);
+  }
+  const Vector start = guess(rows);
+  const ConstVectorRef from(start);
+  solve_inverse(c(rows), compliance(rows), others, inverse, solution, &from, speed);
+  guess(rows) = Vector(solution.impulse);
+  solution.impulse = guess;
+  judge_inverse(c, compliance, sets, inverse.law, speed, solution);
 }
 
 /// result.force = M^ dv/dt + bias - J^T impulse / dt - everything else (S11).
@@ -186,6 +225,7 @@ const InverseDynamicsResult& InverseDynamics::solve(const Input& input) {
   s.result.v_next = input.v_next;
   s.start(input);
   Status closest = Status::Solved;
+  s.settled.clear();
   if (input.closest) closest = s.move_to_closest(input);
   s.find_bounces();
   for (int round = 0;; ++round) {
@@ -260,7 +300,6 @@ Status InverseDynamics::Impl::move_to_closest(const Input& input) {
   std::vector<Index> free;  // unactuated velocities
   for (Index k = 0; k < u.size(); ++k)
     if (!actuated[static_cast<std::size_t>(k)]) free.push_back(k);
-  if (free.empty()) return Status::Solved;
 
   dynamics.update(q, input.v);
   Matrix mass = dynamics.mass_matrix();
@@ -292,15 +331,14 @@ Status InverseDynamics::Impl::move_to_closest(const Input& input) {
     violated = violated || c < -allowed || (both && c > allowed);
   }
   if (violated) {
-    const Eigen::LLT<Matrix> factor(mass);
     const Matrix j = jacobian(rows, Eigen::all);
-    const Matrix back = factor.solve(j.transpose());
+    const Matrix back = Eigen::LLT<Matrix>(mass).solve(j.transpose());
     const Vector c = assembler.free_velocity()(rows);
     const Solution projection =
         signorini::solve(ContactProblem(std::make_shared<DenseDelassus>(j * back), c, kinematic), solver);
     status = projection.status;
     u += back * projection.impulse;
-    start(input);
+    assembler.set_free_velocity(u);
   }
 
   // Then, joints as they are now, the motion of what is not actuated: a contact problem with
@@ -310,29 +348,28 @@ Status InverseDynamics::Impl::move_to_closest(const Input& input) {
   const Eigen::LLT<Matrix> factor(mass(free, free));
   ConstraintSets coupled;
   rows.clear();
+  settled.assign(assembler.sets().size(), 0);
   for (Index i = 0; i < static_cast<Index>(assembler.sets().size()); ++i) {
     const Assembler::Set& set = assembler.sets()[static_cast<std::size_t>(i)];
     if (jacobian.middleRows(set.start, set.rows)(Eigen::all, free).isZero(1e-12)) continue;
+    settled[static_cast<std::size_t>(i)] = 1;
     coupled.add(assembler.constraint_sets()[i]);
     for (int r = 0; r < set.rows; ++r) rows.push_back(set.start + r);
   }
-  const Vector missing = settings.time_step * result.force(free);  // what nobody gives [N s]
-  const Matrix j = jacobian(rows, free);
-  const Matrix back = factor.solve(j.transpose());
-  Vector change = -factor.solve(missing);
+  Vector change = -factor.solve(Vector(settings.time_step * result.force(free)));  // nobody gives that force
   if (!rows.empty()) {
+    const Matrix j = jacobian(rows, free);
+    const Matrix back = factor.solve(j.transpose());
     const Vector g = assembler.free_velocity()(rows) + j * change;
-    const Guess from{Vector(guess(rows)), 0.0};
-    const Solution answer = signorini::solve(
-        ContactProblem(std::make_shared<DenseDelassus>(j * back), g, coupled, compliance(rows)), solver, &from);
-    if (answer.status != Status::Solved) status = answer.status;
-    change += back * answer.impulse;
-    guess(rows) = answer.impulse;
+    Vector impulse = guess(rows);
+    const Status found =
+        solve_next_to(impulse, std::make_shared<DenseDelassus>(j * back), g, coupled, compliance(rows), solver);
+    if (found != Status::Solved) status = found;
+    change += back * impulse;
+    guess(rows) = impulse;
   }
   u(free) += change;
-  const Vector kept = guess;
-  start(input);
-  guess = kept;
+  assembler.set_free_velocity(u);
   Vector moved = q;
   result.v_next = u;
   advance(*world, settings.time_step, moved, result.v_next);

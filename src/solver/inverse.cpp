@@ -109,12 +109,34 @@ void check_input(const ConstVectorRef& velocity, const ConstVectorRef& complianc
   }
 }
 
+double largest_speed(const ConstVectorRef& velocity, const ConstraintSets& sets, double speed) {
+  for (const ConstraintSet& set : sets) speed = std::max(speed, velocity.segment(set.offset, set.size()).norm());
+  return speed;
+}
+
 }  // namespace
 
 void InverseSettings::validate() const {
   require(proximal_weight > 0.0 && proximal_weight <= 1e6, "proximal_weight", proximal_weight, "in (0, 1e6] 1/kg");
   require(tolerance > 0.0 && tolerance < 1.0, "tolerance", tolerance, "in (0, 1)");
   require(max_iterations >= 1, "max_iterations", max_iterations, "at least 1");
+}
+
+void judge_inverse(const ConstVectorRef& velocity, const ConstVectorRef& compliance, const ConstraintSets& sets,
+                   Law law, double speed, InverseSolution& solution) {
+  const GrowVector& x = solution.impulse;
+  solution.velocity.resize(sets.size());
+  solution.velocity = velocity + compliance.cwiseProduct(x);
+  solution.residual = 0.0;
+  solution.worst = sets.num_sets() > 0 ? 0 : -1;
+  for (Index i = 0; i < sets.num_sets(); ++i) {
+    const ConstraintSet& set = sets[i];
+    const double own = set_residual(set, law, x.data() + set.offset, solution.velocity.data() + set.offset);
+    if (own > solution.residual || own != own) solution.residual = own, solution.worst = i;
+    if (own != own) break;
+  }
+  solution.relative = solution.residual;
+  if (solution.residual > 0.0) solution.relative /= largest_speed(velocity, sets, speed);
 }
 
 void solve_inverse(const ConstVectorRef& velocity, const ConstVectorRef& compliance, const ConstraintSets& sets,
@@ -124,9 +146,8 @@ void solve_inverse(const ConstVectorRef& velocity, const ConstVectorRef& complia
   check_input(velocity, compliance, sets, guess, speed);
   const double rho = settings.proximal_weight;
   const Law law = settings.law;
-  GrowVector &x = solution.impulse, &sigma = solution.velocity;
+  GrowVector& x = solution.impulse;
   x.resize(sets.size());
-  sigma.resize(sets.size());
   if (guess)
     sets.project(*guess, x);
   else
@@ -134,23 +155,11 @@ void solve_inverse(const ConstVectorRef& velocity, const ConstVectorRef& complia
       x.segment(set.offset, set.size()).setZero();
       project(set, x.data() + set.offset, x.data() + set.offset);
     }
-  double largest = speed;
-  for (const ConstraintSet& set : sets)
-    largest = std::max(largest, velocity.segment(set.offset, set.size()).norm());
-  const double allowed = settings.tolerance * largest;
+  const double allowed = settings.tolerance * largest_speed(velocity, sets, speed);
 
   for (solution.iterations = 0;; ++solution.iterations) {
     const double before = solution.residual;
-    solution.residual = 0.0;
-    solution.worst = sets.num_sets() > 0 ? 0 : -1;
-    sigma = velocity + compliance.cwiseProduct(x);
-    for (Index i = 0; i < sets.num_sets(); ++i) {
-      const ConstraintSet& set = sets[i];
-      const double own = set_residual(set, law, x.data() + set.offset, sigma.data() + set.offset);
-      if (own > solution.residual || own != own) solution.residual = own, solution.worst = i;
-      if (own != own) break;
-    }
-    solution.relative = solution.residual > 0.0 ? solution.residual / largest : solution.residual;
+    judge_inverse(velocity, compliance, sets, law, speed, solution);
     if (!(solution.residual <= kOverflow) || !x.allFinite()) {
       solution.status = Status::Invalid;
       return;

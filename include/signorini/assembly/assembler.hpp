@@ -65,8 +65,9 @@ class Assembler {
 
   /// The sets, and g of all their rows. dynamics: updated at (q, v), and factored before select(); free_v: velocity at
   /// the end of the step without constraint impulses. With a wanted velocity instead, g is what inverse dynamics asks.
+  /// all_limits: also those out of reach.
   void assemble(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v,
-                const ConstVectorRef& free_v, const std::vector<ContactPoint>& contacts);
+                const ConstVectorRef& free_v, const std::vector<ContactPoint>& contacts, bool all_limits = false);
   /// No sets, until the next assemble().
   void clear();
   const std::vector<Set>& sets() const { return sets_; }
@@ -74,6 +75,8 @@ class Assembler {
   const ConstraintSets& constraint_sets() const { return all_sets_; }
   const GrowVector& free_velocity() const { return g_; }  ///< g, num_rows() values
 
+  /// g of the same sets at another free_v.
+  void set_free_velocity(const ConstVectorRef& free_v);
   /// Takes the bounce of a set with one into g, or out of it.
   void set_bounce(std::size_t set, bool bounces);
   /// Velocities J u of all sets, num_rows() values; without a Jacobian, from the twists of the bodies.
@@ -106,7 +109,7 @@ class Assembler {
   /// velocity = J u of a set; twists: those of the frames at u.
   void set_velocity(const Set& set, const ConstVectorRef& u, const std::vector<Twist>& twists, double* velocity) const;
   void add_contacts(const std::vector<ContactPoint>& contacts);
-  void add_limits(const ConstVectorRef& q, const ConstVectorRef& v, const ConstVectorRef& free_v);
+  void add_limits(const ConstVectorRef& q, const ConstVectorRef& v, const ConstVectorRef& free_v, bool all);
   void add_joint_friction();
   void add_equalities(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v);
   void correct(const ConstVectorRef& v);

@@ -81,6 +81,9 @@ class Dynamics {
 
   double kinetic_energy(const ConstVectorRef& v) const;    ///< after update()
   double potential_energy(const ConstVectorRef& q) const;  ///< gravity and joint springs; after update()
+  /// 6 x nv: velocity of a point of a body (in the body's frame [m]), then its angular velocity, world axes; updates
+  /// placements and velocities.
+  Matrix jacobian(const ConstVectorRef& q, int body, const Vector3& point);
   /// Mass matrix, dense, both triangles; for people and tests.
   Matrix mass_matrix() const;
   /// Linear and angular momentum about the world's origin, after update().
