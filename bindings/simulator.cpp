@@ -447,6 +447,7 @@ void bind_inverse_dynamics(nb::module_& m) {
              }
              return list;
            })
+      .def("impulse", [](const InverseDynamics& self) { return Vector(self.impulse()); })
       .def("worst", &InverseDynamics::worst);
 }
 

@@ -381,6 +381,8 @@ std::vector<Contact> InverseDynamics::contacts() const {
   return contact_reports(s.assembler, s.points, s.solution.impulse, s.solution.velocity, s.settings.time_step);
 }
 
+ConstVectorRef InverseDynamics::impulse() const { return impl_->solution.impulse; }
+
 std::string InverseDynamics::worst() const {
   const Impl& s = *impl_;
   if (!(s.solution.residual > 0.0) || s.solution.worst < 0) return "";

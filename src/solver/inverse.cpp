@@ -12,6 +12,7 @@ namespace signorini {
 namespace {
 
 constexpr double kOverflow = 1e100;  // beyond: no number to work with
+constexpr double kGain = 0.1, kNoGain = 0.9;
 constexpr double kBorder = 1e-12;  // share of the cone's radius that is rounding
 
 using Row3 = Eigen::Vector3d;
@@ -88,6 +89,58 @@ Row3 cone_impulse(double friction, Law law, const Row3& c, double d_t, double d_
   return x;
 }
 
+/// One proximal step: the unique solution with D = R, and rho where R = 0, at c - rho impulse.
+void proximal_step(const ConstraintSet& set, const InverseSettings& settings, const double* c, const double* r,
+                   double* impulse) {
+  const double rho = settings.proximal_weight;
+  const auto weight = [&](Index k) { return r[k] > 0.0 ? r[k] : rho; };
+  const auto shifted = [&](Index k) { return r[k] > 0.0 ? c[k] : c[k] - rho * impulse[k]; };
+  if (set.type == SetType::FrictionCone) {
+    const Row3 x =
+        cone_impulse(set.friction, settings.law, Row3(shifted(0), shifted(1), shifted(2)), weight(0), weight(2));
+    Eigen::Map<Row3>{impulse} = x;
+  } else {
+    *impulse = -shifted(0) / weight(0);
+    project(set, impulse, impulse);
+  }
+}
+
+/// Proximal steps of one set from `impulse`, in K. A start that is good enough stays what it is; else the steps go on
+/// past `allowed` as long as they gain much.
+Status solve_set(const ConstraintSet& set, const InverseSettings& settings, const double* c, const double* r,
+                 double allowed, double* impulse, int& iterations) {
+  const Index rows = set.size();
+  const auto own_residual = [&](const double* x) {
+    double sigma[3];
+    for (Index k = 0; k < rows; ++k) sigma[k] = r[k] * x[k] + c[k];
+    return set_residual(set, settings.law, x, sigma);
+  };
+  double residual = own_residual(impulse);
+  if (residual <= allowed) return Status::Solved;
+  for (iterations = 1; iterations <= settings.max_iterations; ++iterations) {
+    double next[3];
+    std::copy_n(impulse, rows, next);
+    proximal_step(set, settings, c, r, next);
+    const double before = residual;
+    residual = own_residual(next);
+    if (!(residual <= kOverflow && std::all_of(next, next + rows, [](double x) { return std::isfinite(x); })))
+      return Status::Invalid;
+    if (before <= allowed && residual > kGain * before) return Status::Solved;
+    std::copy_n(next, rows, impulse);
+    if (residual == 0.0) return Status::Solved;
+    // An infeasible set's residual does not fall while its impulse grows without bound.
+    if (residual > allowed && residual > kNoGain * before && infeasibility(set, settings.law, c, r) > allowed)
+      return Status::Infeasible;
+  }
+  --iterations;
+  return residual <= allowed ? Status::Solved : Status::MaxIterations;
+}
+
+/// The worst status of a set is the whole's.
+int severity(Status status) {
+  return status == Status::Solved ? 0 : status == Status::MaxIterations ? 1 : status == Status::Infeasible ? 2 : 3;
+}
+
 void check_input(const ConstVectorRef& velocity, const ConstVectorRef& compliance, const ConstraintSets& sets,
                  const ConstVectorRef* guess, double speed) {
   const auto check_size = [&](const char* field, const ConstVectorRef& x) {
@@ -144,8 +197,6 @@ void solve_inverse(const ConstVectorRef& velocity, const ConstVectorRef& complia
                    double speed) {
   settings.validate();
   check_input(velocity, compliance, sets, guess, speed);
-  const double rho = settings.proximal_weight;
-  const Law law = settings.law;
   GrowVector& x = solution.impulse;
   x.resize(sets.size());
   if (guess)
@@ -156,46 +207,17 @@ void solve_inverse(const ConstVectorRef& velocity, const ConstVectorRef& complia
       project(set, x.data() + set.offset, x.data() + set.offset);
     }
   const double allowed = settings.tolerance * largest_speed(velocity, sets, speed);
-
-  for (solution.iterations = 0;; ++solution.iterations) {
-    const double before = solution.residual;
-    judge_inverse(velocity, compliance, sets, law, speed, solution);
-    if (!(solution.residual <= kOverflow) || !x.allFinite()) {
-      solution.status = Status::Invalid;
-      return;
-    }
-    if (solution.residual <= allowed) {
-      solution.status = Status::Solved;
-      return;
-    }
-    // An infeasible set's residual does not fall while its impulse grows without bound.
-    if (solution.iterations > 0 && solution.residual > 0.9 * before) {
-      const ConstraintSet& set = sets[solution.worst];
-      if (infeasibility(set, law, velocity.data() + set.offset, compliance.data() + set.offset) > allowed) {
-        solution.status = Status::Infeasible;
-        return;
-      }
-    }
-    if (solution.iterations == settings.max_iterations) {
-      solution.status = Status::MaxIterations;
-      return;
-    }
-
-    // One proximal step: the unique solution with D = R + rho where R = 0, at c - rho lambda.
-    for (const ConstraintSet& set : sets) {
-      double* own = x.data() + set.offset;
-      const double *c = velocity.data() + set.offset, *r = compliance.data() + set.offset;
-      const auto weight = [&](Index k) { return r[k] > 0.0 ? r[k] : rho; };
-      const auto shifted = [&](Index k) { return r[k] > 0.0 ? c[k] : c[k] - rho * own[k]; };
-      if (set.type == SetType::FrictionCone) {
-        Eigen::Map<Row3>{own} =
-            cone_impulse(set.friction, law, Row3(shifted(0), shifted(1), shifted(2)), weight(0), weight(2));
-      } else {
-        *own = -shifted(0) / weight(0);
-        project(set, own, own);
-      }
-    }
+  solution.status = Status::Solved;
+  solution.iterations = 0;
+  for (const ConstraintSet& set : sets) {  // none feels another
+    const Index at = set.offset;
+    int iterations = 0;
+    const Status own = solve_set(set, settings, velocity.data() + at, compliance.data() + at, allowed, x.data() + at,
+                                 iterations);
+    solution.iterations = std::max(solution.iterations, iterations);
+    if (severity(own) > severity(solution.status)) solution.status = own;
   }
+  judge_inverse(velocity, compliance, sets, settings.law, speed, solution);
 }
 
 }  // namespace signorini

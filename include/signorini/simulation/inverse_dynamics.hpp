@@ -58,6 +58,8 @@ class InverseDynamics {
   const InverseDynamicsResult& solve(const Input& input);
   /// The contacts of the last solve.
   std::vector<Contact> contacts() const;
+  /// The impulses of the last solve, of all constraints: contacts first, then limits, joint friction, equalities.
+  ConstVectorRef impulse() const;
   /// What the last residual is of, in words; empty when it is 0.
   std::string worst() const;
 
