@@ -119,6 +119,14 @@ class InverseDynamics:
         self._core.set_configuration(_arrays.vector("q", q, self.world.num_q))
         return contacts_from_core(self.world, self._core.points())
 
+    def warm_start(self, simulator: Simulator) -> None:
+        """The simulator's next step, if it is from the configuration of the last call, starts from the impulses found
+        there. With rigid contacts a step may have several solutions, each certified; this chooses the one of the call.
+        """
+        if not isinstance(simulator, Simulator) or simulator.world is not self.world:
+            raise InvalidInputError("simulator: must be a Simulator of the same world")
+        self._core.warm_start(simulator._core)
+
     def __call__(
         self,
         state: State | Simulator | tuple[ArrayLike, ArrayLike],

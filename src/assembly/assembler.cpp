@@ -305,6 +305,25 @@ void Assembler::velocities(const ConstVectorRef& u, VectorRef out) {
   for (const Set& set : sets_) set_velocity(set, u, twists_, out.data() + set.start);
 }
 
+bool Assembler::copy_impulses(const std::vector<Set>& sets, const ConstVectorRef& impulse, VectorRef own) const {
+  const auto same = [](const Set& a, const Set& b) {
+    return a.source == b.source && a.index == b.index && a.row == b.row &&
+           (a.source != SetSource::Contact || a.point_b == b.point_b);
+  };
+  std::size_t next = 0;  // both are in the same order; limits may be missing in either
+  for (const Set& set : sets_) {
+    std::size_t k = next;
+    while (k < sets.size() && !same(set, sets[k])) ++k;
+    if (k == sets.size()) {
+      if (set.source == SetSource::Contact) return false;
+      continue;
+    }
+    own.segment(set.start, set.rows) = impulse.segment(sets[k].start, set.rows);
+    next = k + 1;
+  }
+  return true;
+}
+
 void Assembler::add_forces(const ConstVectorRef& impulse, double factor, std::vector<Wrench>& wrenches,
                            VectorRef force) const {
   for (const Set& set : sets_) {

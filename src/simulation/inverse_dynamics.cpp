@@ -62,7 +62,7 @@ struct InverseDynamics::Impl {
 
   void check(const Input& input) const;
   void start(const Input& input);
-  void guess_from(const Simulator& simulator);
+  void set_speed();
   void find_impulses();
   void add_up(bool with_impulses);
   void find_bounces();
@@ -154,27 +154,22 @@ void InverseDynamics::Impl::start(const Input& input) {
   for (const Assembler::Set& set : assembler.sets()) compliance[set.start + set.rows - 1] = set.compliance;
   guess.setZero(rows);  // contacts come first
   guess.head(input.impulse_guess.size()) = input.impulse_guess;
-  if (input.simulator) guess_from(*input.simulator);
-  speed = std::max(kSlowest, settings.time_step * world->gravity().norm());
+  if (input.simulator &&
+      !assembler.copy_impulses(input.simulator->assembler().sets(), input.simulator->impulse(), guess))
+    throw InvalidInput("impulse_guess", "is a simulator whose last step had other contacts than this configuration");
+  set_speed();
 }
 
-/// The impulses of a step from this configuration: of the same contacts, limits, joints and equalities.
-void InverseDynamics::Impl::guess_from(const Simulator& simulator) {
-  const std::vector<Assembler::Set>& theirs = simulator.assembler().sets();
-  const auto same = [](const Assembler::Set& a, const Assembler::Set& b) {
-    return a.source == b.source && a.index == b.index && a.row == b.row && a.point_b == b.point_b;
-  };
-  std::size_t at = 0;  // both are in the same order, limits may be missing in either
+/// What velocities are judged against: the fastest constraint, or a fall of one step.
+void InverseDynamics::Impl::set_speed() {
+  speed = std::max(kSlowest, settings.time_step * world->gravity().norm());
   for (const Assembler::Set& set : assembler.sets()) {
-    std::size_t k = at;
-    while (k < theirs.size() && !same(set, theirs[k])) ++k;
-    if (k == theirs.size()) {
-      if (set.source == SetSource::Contact)
-        throw InvalidInput("impulse_guess", "is a simulator whose last step had other contacts than this configuration");
-      continue;
+    double square = 0.0;
+    for (int r = 0; r < set.rows; ++r) {
+      const double moves = assembler.free_velocity()[set.start + r] - (r == set.rows - 1 ? set.correction : 0.0);
+      square += moves * moves;
     }
-    guess.segment(set.start, set.rows) = simulator.impulse().segment(theirs[k].start, set.rows);
-    at = k + 1;
+    speed = std::max(speed, std::sqrt(square));
   }
 }
 
@@ -370,6 +365,7 @@ Status InverseDynamics::Impl::move_to_closest(const Input& input) {
   }
   u(free) += change;
   assembler.set_free_velocity(u);
+  set_speed();
   Vector moved = q;
   result.v_next = u;
   advance(*world, settings.time_step, moved, result.v_next);
@@ -382,6 +378,7 @@ std::vector<Contact> InverseDynamics::contacts() const {
 }
 
 ConstVectorRef InverseDynamics::impulse() const { return impl_->solution.impulse; }
+const Assembler& InverseDynamics::assembler() const { return impl_->assembler; }
 
 std::string InverseDynamics::worst() const {
   const Impl& s = *impl_;

@@ -158,6 +158,8 @@ struct Simulator::Impl {
   // Impulses of the last step, for the next one to start from: of the contacts in world axes, three a point; of limits
   // and dry friction by velocity; of equalities by row.
   Vector contact_guess, friction_guess, lower_guess, upper_guess, equality_guess;
+  std::vector<Assembler::Set> start_sets;  // of warm_start(), for the next step
+  Vector start_impulse;
   std::vector<int> equality_start;
   int num_equality_rows = 0;
 };
@@ -192,6 +194,12 @@ ContactProblem Simulator::contact_problem() {
 
 void Simulator::Impl::make_guess() {
   impulse.resize(assembler.num_rows());
+  if (!start_sets.empty()) {
+    impulse.setZero();
+    const bool fits = assembler.copy_impulses(start_sets, start_impulse, impulse);
+    start_sets.clear();
+    if (fits) return;
+  }
   const std::vector<ContactPoint>& points = detector.points();
   for (const Assembler::Set& set : assembler.sets()) {
     double& x = impulse[set.start];
@@ -245,6 +253,11 @@ void Simulator::Impl::keep_impulses() {
         break;
     }
   }
+}
+
+void Simulator::warm_start(const std::vector<Assembler::Set>& sets, const ConstVectorRef& impulse) {
+  impl_->start_sets = sets;
+  impl_->start_impulse = impulse;
 }
 
 /// Solves the problem of the sets that act, starting from `impulse`, and again with those that its answer violates.
@@ -363,6 +376,7 @@ void Simulator::reset() {
   s.contact_guess.resize(0);
   s.detector.reset();
   s.assembler.clear();
+  s.start_sets.clear();
   s.impulse.resize(0);
   s.report = StepReport();
 }
@@ -405,6 +419,7 @@ void Simulator::restore(const std::string& bytes) {
   in.end();
   s.detector.load(detector);
   s.assembler.clear();
+  s.start_sets.clear();
   s.impulse.resize(0);
   s.time = time;
   s.q = q, s.v = v, s.control = control, s.applied = applied;

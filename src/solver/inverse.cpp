@@ -162,7 +162,8 @@ void check_input(const ConstVectorRef& velocity, const ConstVectorRef& complianc
   }
 }
 
-double largest_speed(const ConstVectorRef& velocity, const ConstraintSets& sets, double speed) {
+double reference_speed(const ConstVectorRef& velocity, const ConstraintSets& sets, double speed) {
+  if (speed > 0.0) return speed;
   for (const ConstraintSet& set : sets) speed = std::max(speed, velocity.segment(set.offset, set.size()).norm());
   return speed;
 }
@@ -189,7 +190,7 @@ void judge_inverse(const ConstVectorRef& velocity, const ConstVectorRef& complia
     if (own != own) break;
   }
   solution.relative = solution.residual;
-  if (solution.residual > 0.0) solution.relative /= largest_speed(velocity, sets, speed);
+  if (solution.residual > 0.0) solution.relative /= reference_speed(velocity, sets, speed);
 }
 
 void solve_inverse(const ConstVectorRef& velocity, const ConstVectorRef& compliance, const ConstraintSets& sets,
@@ -206,7 +207,7 @@ void solve_inverse(const ConstVectorRef& velocity, const ConstVectorRef& complia
       x.segment(set.offset, set.size()).setZero();
       project(set, x.data() + set.offset, x.data() + set.offset);
     }
-  const double allowed = settings.tolerance * largest_speed(velocity, sets, speed);
+  const double allowed = settings.tolerance * reference_speed(velocity, sets, speed);
   solution.status = Status::Solved;
   solution.iterations = 0;
   for (const ConstraintSet& set : sets) {  // none feels another

@@ -81,6 +81,9 @@ class Assembler {
   void set_bounce(std::size_t set, bool bounces);
   /// Velocities J u of all sets, num_rows() values; without a Jacobian, from the twists of the bodies.
   void velocities(const ConstVectorRef& u, VectorRef out);
+  /// own (num_rows() values) <- the impulses that another assembler of this world found at this configuration: of the
+  /// same contacts, limits, joints and equalities. False where one of the contacts here was none there.
+  bool copy_impulses(const std::vector<Set>& sets, const ConstVectorRef& impulse, VectorRef own) const;
   /// factor J^T impulse without a Jacobian: as wrenches on the frames, and as forces on velocities for sets of joints;
   /// added.
   void add_forces(const ConstVectorRef& impulse, double factor, std::vector<Wrench>& wrenches, VectorRef force) const;

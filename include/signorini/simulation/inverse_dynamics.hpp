@@ -60,6 +60,7 @@ class InverseDynamics {
   std::vector<Contact> contacts() const;
   /// The impulses of the last solve, of all constraints: contacts first, then limits, joint friction, equalities.
   ConstVectorRef impulse() const;
+  const Assembler& assembler() const;
   /// What the last residual is of, in words; empty when it is 0.
   std::string worst() const;
 

@@ -87,6 +87,11 @@ class Simulator {
   /// impulse that is not finite is replaced by none.
   void step();
 
+  /// The next step starts from impulses found elsewhere at this configuration, by inverse dynamics say, and not from
+  /// the last step's: a rigid problem may have several solutions, and this is where one is chosen. Without effect when
+  /// that step has other contacts. sets, impulse: of the assembler there.
+  void warm_start(const std::vector<Assembler::Set>& sets, const ConstVectorRef& impulse);
+
   /// Of the last step. Contacts and problem are empty before the first one and after reset() and restore().
   const StepReport& report() const;
   std::vector<Contact> contacts() const;

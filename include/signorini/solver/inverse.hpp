@@ -24,7 +24,7 @@ struct InverseSolution {
   /// max over the sets of dist(-(sigma + Gamma(sigma)), N_K(lambda)): how far the velocity is from one that the law
   /// allows with this impulse [m/s, rad/s].
   double residual = 0.0;
-  double relative = 0.0;  ///< the same over max |c| of the sets and the caller's speed
+  double relative = 0.0;  ///< the same over the speed given, or max |c| of the sets
   Index worst = -1;       ///< the set with the largest residual; -1 without sets
   int iterations = 0;
 };
@@ -33,7 +33,7 @@ struct InverseSolution {
 ///     lambda in K,   sigma = R lambda + c,   -(sigma + Gamma(sigma)) in N_K(lambda).
 /// Where R = 0 there are many or none: the answer is the one next to the guess, by proximal steps.
 /// velocity: c = J v + corrections [m/s]. compliance: diagonal of R [1/kg] >= 0, equal for the two tangents of a
-/// contact. guess: an impulse, in K or not, or null for 0. speed: what counts as large besides c [m/s], for relative.
+/// contact. guess: an impulse, in K or not, or null for 0. speed: what `relative` is relative to [m/s]; 0: max |c| of the sets.
 /// Allocates nothing for sizes already seen. Raises InvalidInput naming the field, the value and the allowed range.
 void solve_inverse(const ConstVectorRef& velocity, const ConstVectorRef& compliance, const ConstraintSets& sets,
                    const InverseSettings& settings, InverseSolution& solution, const ConstVectorRef* guess = nullptr,
