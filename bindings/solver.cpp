@@ -126,6 +126,14 @@ void bind_solver(nb::module_& m) {
       "velocity"_a, "compliance"_a, "sets"_a, "settings"_a, "guess"_a, "speed"_a,
       nb::call_guard<nb::gil_scoped_release>());
 
+  m.def("inverse_residual", [](const Vector& velocity, const Vector& compliance, const ConstraintSets& sets, Law law,
+                               const Vector& impulse) {
+    InverseSolution solution;
+    solution.impulse = impulse;
+    judge_inverse(velocity, compliance, sets, law, 0.0, solution);
+    return solution.residual;
+  });
+
   m.def(
       "solve",
       [](const ContactProblem& problem, const Settings& settings, SharedWorkspace* workspace, const Guess* guess) {

@@ -15,7 +15,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from signorini._core import InvalidInputError, Workspace, __version__
-from signorini._inverse import InverseSolution, inverse_contact
+from signorini._inverse import InverseSolution, inverse_contact, inverse_residual
 from signorini._problem import ContactProblem, Equality, FrictionCone, HalfLine, Interval
 from signorini._solution import Residual, Solution
 from signorini._solve import residual, solve
@@ -71,6 +71,7 @@ __all__ = [
     "fclib",
     "inverse_contact",
     "inverse_dynamics",
+    "inverse_residual",
     "load",
     "residual",
     "rollout",

@@ -82,6 +82,10 @@ def solve_inverse(
     speed: float,
 ) -> InverseSolution: ...
 
+def inverse_residual(
+    velocity: _Vector, compliance: _Vector, sets: ConstraintSets, law: Any, impulse: _Vector
+) -> float: ...
+
 class Residual:
     largest_share: float
     @property

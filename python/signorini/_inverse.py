@@ -74,6 +74,48 @@ def inverse_contact(
 
     Raises InvalidInputError, a ValueError, naming the field, its value and what is allowed. No solution is a status.
     """
+    c, r, sets = _checked(contact_velocity, compliance, friction, constraints)
+    guess = np.zeros(c.size) if impulse_guess is None else _arrays.vector("impulse_guess", impulse_guess, c.size)
+    settings = _core.InverseSettings()
+    settings.law = _choice("law", law, _core.Law)
+    settings.proximal_weight = _arrays.number("proximal_weight", proximal_weight)
+    settings.tolerance = _arrays.number("tolerance", tolerance)
+    settings.max_iterations = _arrays.count("max_iterations", max_iterations, 1)
+    out = _core.solve_inverse(c, r, sets, settings, guess, 0.0)
+    return InverseSolution(
+        out.status.name, out.impulse, out.velocity, out.residual, out.relative, out.worst, out.iterations
+    )
+
+
+def inverse_residual(
+    impulse: npt.ArrayLike,
+    contact_velocity: npt.ArrayLike,
+    compliance: npt.ArrayLike | None = None,
+    friction: npt.ArrayLike | None = None,
+    law: LawName = "ncp",
+    *,
+    constraints: Sequence[Constraint] | None = None,
+) -> float:
+    """How far a velocity is from one that the law allows with an impulse, whoever computed it [m/s, rad/s]: the largest
+    dist(-(s + Gamma(s)), N_K(impulse)) of the constraints, s = R impulse + c.
+
+    impulse: [N s], (n,), in K, to 1e-9 of its size, or InvalidInputError. The other arguments are those of
+    inverse_contact.
+    """
+    c, r, sets = _checked(contact_velocity, compliance, friction, constraints)
+    x = _arrays.vector("impulse", impulse, c.size)
+    away = np.abs(sets.project(x) - x).max(initial=0.0)
+    if not away <= 1e-9 * np.abs(x).max(initial=0.0):
+        raise InvalidInputError(f"impulse: is {away:g} N s outside of its constraints' sets, must be in them")
+    return float(_core.inverse_residual(c, r, sets, _choice("law", law, _core.Law), x))
+
+
+def _checked(
+    contact_velocity: npt.ArrayLike,
+    compliance: npt.ArrayLike | None,
+    friction: npt.ArrayLike | None,
+    constraints: Sequence[Constraint] | None,
+) -> tuple[_arrays.Array, _arrays.Array, _core.ConstraintSets]:
     c = _arrays.vector("contact_velocity", contact_velocity)
     if (friction is None) == (constraints is None):
         given = "neither" if friction is None else "both"
@@ -89,13 +131,4 @@ def inverse_contact(
             friction = np.full(c.size // 3, _arrays.number("friction", np.asarray(friction).item()))
         sets = _core.ConstraintSets.friction_cones(_arrays.vector("friction", friction, c.size // 3))
     r = np.zeros(c.size) if compliance is None else _arrays.vector("compliance", compliance, c.size)
-    guess = np.zeros(c.size) if impulse_guess is None else _arrays.vector("impulse_guess", impulse_guess, c.size)
-    settings = _core.InverseSettings()
-    settings.law = _choice("law", law, _core.Law)
-    settings.proximal_weight = _arrays.number("proximal_weight", proximal_weight)
-    settings.tolerance = _arrays.number("tolerance", tolerance)
-    settings.max_iterations = _arrays.count("max_iterations", max_iterations, 1)
-    out = _core.solve_inverse(c, r, sets, settings, guess, 0.0)
-    return InverseSolution(
-        out.status.name, out.impulse, out.velocity, out.residual, out.relative, out.worst, out.iterations
-    )
+    return c, r, sets

@@ -89,15 +89,17 @@ Row3 cone_impulse(double friction, Law law, const Row3& c, double d_t, double d_
   return x;
 }
 
-/// One proximal step: the unique solution with D = R, and rho where R = 0, at c - rho impulse.
+/// One proximal step: the unique solution with D = R, and rho where R = 0, at c - rho impulse. A rigid contact that
+/// separates no faster than is allowed keeps its normal impulse, which rounding over rho would move.
 void proximal_step(const ConstraintSet& set, const InverseSettings& settings, const double* c, const double* r,
-                   double* impulse) {
+                   double allowed, double* impulse) {
   const double rho = settings.proximal_weight;
   const auto weight = [&](Index k) { return r[k] > 0.0 ? r[k] : rho; };
   const auto shifted = [&](Index k) { return r[k] > 0.0 ? c[k] : c[k] - rho * impulse[k]; };
   if (set.type == SetType::FrictionCone) {
-    const Row3 x =
-        cone_impulse(set.friction, settings.law, Row3(shifted(0), shifted(1), shifted(2)), weight(0), weight(2));
+    const bool touches = settings.law == Law::Ncp && r[2] == 0.0 && std::abs(c[2]) <= allowed;
+    const double normal = touches ? -rho * impulse[2] : shifted(2);
+    const Row3 x = cone_impulse(set.friction, settings.law, Row3(shifted(0), shifted(1), normal), weight(0), weight(2));
     Eigen::Map<Row3>{impulse} = x;
   } else {
     *impulse = -shifted(0) / weight(0);
@@ -120,7 +122,7 @@ Status solve_set(const ConstraintSet& set, const InverseSettings& settings, cons
   for (iterations = 1; iterations <= settings.max_iterations; ++iterations) {
     double next[3];
     std::copy_n(impulse, rows, next);
-    proximal_step(set, settings, c, r, next);
+    proximal_step(set, settings, c, r, allowed, next);
     const double before = residual;
     residual = own_residual(next);
     if (!(residual <= kOverflow && std::all_of(next, next + rows, [](double x) { return std::isfinite(x); })))
@@ -168,16 +170,8 @@ double reference_speed(const ConstVectorRef& velocity, const ConstraintSets& set
   return speed;
 }
 
-}  // namespace
-
-void InverseSettings::validate() const {
-  require(proximal_weight > 0.0 && proximal_weight <= 1e6, "proximal_weight", proximal_weight, "in (0, 1e6] 1/kg");
-  require(tolerance > 0.0 && tolerance < 1.0, "tolerance", tolerance, "in (0, 1)");
-  require(max_iterations >= 1, "max_iterations", max_iterations, "at least 1");
-}
-
-void judge_inverse(const ConstVectorRef& velocity, const ConstVectorRef& compliance, const ConstraintSets& sets,
-                   Law law, double speed, InverseSolution& solution) {
+void judge(const ConstVectorRef& velocity, const ConstVectorRef& compliance, const ConstraintSets& sets, Law law,
+           double speed, InverseSolution& solution) {
   const GrowVector& x = solution.impulse;
   solution.velocity.resize(sets.size());
   solution.velocity = velocity + compliance.cwiseProduct(x);
@@ -191,6 +185,21 @@ void judge_inverse(const ConstVectorRef& velocity, const ConstVectorRef& complia
   }
   solution.relative = solution.residual;
   if (solution.residual > 0.0) solution.relative /= reference_speed(velocity, sets, speed);
+}
+
+}  // namespace
+
+void InverseSettings::validate() const {
+  require(proximal_weight > 0.0 && proximal_weight <= 1e6, "proximal_weight", proximal_weight, "in (0, 1e6] 1/kg");
+  require(tolerance > 0.0 && tolerance < 1.0, "tolerance", tolerance, "in (0, 1)");
+  require(max_iterations >= 1, "max_iterations", max_iterations, "at least 1");
+}
+
+void judge_inverse(const ConstVectorRef& velocity, const ConstVectorRef& compliance, const ConstraintSets& sets,
+                   Law law, double speed, InverseSolution& solution) {
+  const ConstVectorRef impulse(solution.impulse);
+  check_input(velocity, compliance, sets, &impulse, speed);
+  judge(velocity, compliance, sets, law, speed, solution);
 }
 
 void solve_inverse(const ConstVectorRef& velocity, const ConstVectorRef& compliance, const ConstraintSets& sets,
@@ -218,7 +227,7 @@ void solve_inverse(const ConstVectorRef& velocity, const ConstVectorRef& complia
     solution.iterations = std::max(solution.iterations, iterations);
     if (severity(own) > severity(solution.status)) solution.status = own;
   }
-  judge_inverse(velocity, compliance, sets, settings.law, speed, solution);
+  judge(velocity, compliance, sets, settings.law, speed, solution);
 }
 
 }  // namespace signorini

@@ -39,7 +39,8 @@ void solve_inverse(const ConstVectorRef& velocity, const ConstVectorRef& complia
                    const InverseSettings& settings, InverseSolution& solution, const ConstVectorRef* guess = nullptr,
                    double speed = 0.0);
 
-/// Residual, relative and worst of solution.impulse, whoever computed it, and its velocity; the rest stays.
+/// Residual, relative and worst of solution.impulse, whoever computed it, and its velocity; the rest stays. It
+/// is taken to be in K.
 void judge_inverse(const ConstVectorRef& velocity, const ConstVectorRef& compliance, const ConstraintSets& sets,
                    Law law, double speed, InverseSolution& solution);
 

@@ -168,6 +168,14 @@ def stepping(output: Output, quick: Quick = False) -> None:
     _run(experiment.run, _options(output, None, quick, None, False, None))
 
 
+@app.command()
+def inverse(output: Output, quick: Quick = False) -> None:
+    """Fig. 8: UR5 slides along a wall, Talos pushes one; inverse against forward dynamics, MuJoCo's, Pinocchio's times."""
+    from signorini.experiments import inverse as experiment
+
+    _run(experiment.run, _options(output, None, quick, None, False, None))
+
+
 def _options(
     output: Path,
     data: Path | None,

@@ -180,6 +180,87 @@ def ur5(q: npt.ArrayLike = (0.0, -0.3, 0.4, 0.0, 0.5, 0.0), *, ground: bool = Fa
     return Start(world, start, np.zeros(world.num_v))
 
 
+def ur5_wall(stiffness: float = math.inf, damping: float = 0.0, friction: float = 0.5) -> Start:
+    """The arm UR5 with a ball of 2 cm as its tool, which touches a wall that faces the robot; elbow up, tool level.
+
+    stiffness [N/m], damping [N s/m] of the wall: math.inf, rigid. The contact is that of the geometries "tool", "wall".
+    """
+    from signorini._world import HalfSpace, Material, Sphere, WorldBuilder
+    from signorini.load import add_file
+
+    _check(friction=(friction, 0.0, 1e3))
+    material = Material(friction=friction, stiffness=stiffness, damping=damping)
+    builder = WorldBuilder()
+    add_file(builder, robots_folder() / "ur_description" / "urdf" / "ur5_robot.urdf")
+    radius = 0.02
+    builder.add_body("tool", parent="ee_link", position=(0.03, 0.0, 0.0), mass=0.1, inertia=1.6e-5 * np.eye(3))
+    builder.add_geometry("tool", Sphere(radius), material=material, name="tool")
+    q = np.array([-0.2, -1.3, 1.8, -0.5, 0.5 * math.pi, 0.0])
+    front = builder.build().body_placement("tool", q)[0][0] + radius
+    half = math.sqrt(0.5)
+    toward_robot = (0.0, -half, 0.0, half)
+    builder.add_geometry(
+        "world", HalfSpace(), position=(front, 0.0, 0.0), orientation=toward_robot, material=material, name="wall"
+    )
+    return Start(builder.build(), q, np.zeros(6))
+
+
+def talos_wall(friction: float = 0.8) -> Start:
+    """The humanoid Talos stands, and its right hand just touches a wall in front of it.
+
+    Plates of 20 cm x 12 cm under the feet (geometries "sole-left" and "sole-right"): the meshes of the soles are uneven
+    by a millimetre. All gaps are 0 to rounding.
+    """
+    from signorini.load import srdf
+
+    _check(friction=(friction, 0.0, 1e3))
+    world = _talos_before_wall(1.0, friction)
+    state = srdf.read(robots_folder() / "talos_data" / "srdf" / "talos.srdf").states["half_sitting"]
+    q = srdf.configuration(world, state)
+    for name, angle in (("arm_right_1_joint", 0.0), ("arm_right_4_joint", -1.7)):
+        q[world.q_slice(name)] = angle
+    for side in ("left", "right"):  # ankles, until the soles are level
+        ankle = [world.joint(f"leg_{side}_{k}_joint") for k in (5, 6)]
+        for _ in range(10):
+            up = world.body_placement(f"leg_{side}_6_link", q)[1][:, 2]
+            turning = world.jacobian(q, f"leg_{side}_6_link")[3:5, [joint.v_index for joint in ankle]]
+            q[[joint.q_index for joint in ankle]] += np.linalg.solve(turning, np.cross(up, [0.0, 0.0, 1.0])[:2])
+    q[world.q_slice("root_joint")][2] += _SOLE - world.body_placement("leg_left_6_link", q)[0][2]
+    wall = world.geometry_index("wall")
+    gap = min(distance for a, b, distance in world.touching_pairs(q, 1.0) if wall in (a, b))
+    world = _talos_before_wall(1.0 - gap, friction)
+    return Start(world, q, np.zeros(world.num_v))
+
+
+_SOLE = 0.11  # [m] from the ankle down, 3 mm below the mesh
+
+
+def _talos_before_wall(front: float, friction: float) -> World:
+    from signorini._world import HalfSpace, WorldBuilder
+    from signorini.load import add_file
+
+    folder = robots_folder() / "talos_data"
+    material = _material(friction)
+    builder = WorldBuilder()
+    add_file(
+        builder,
+        folder / "robots" / "talos_reduced.urdf",
+        floating_base=True,
+        material=material,
+        srdf=folder / "srdf" / "talos.srdf",
+    )
+    for side in ("left", "right"):
+        foot, plate = f"leg_{side}_6_link", _box(0.2, 0.12, 0.01)
+        builder.add_geometry(foot, plate, position=(0, 0, 0.005 - _SOLE), material=material, name=f"sole-{side}")
+    builder.add_ground(material)
+    half = math.sqrt(0.5)
+    faces_back = (0.0, -half, 0.0, half)
+    builder.add_geometry(
+        "world", HalfSpace(), position=(front, 0, 0), orientation=faces_back, material=material, name="wall"
+    )
+    return builder.build()
+
+
 def robots_folder() -> Path:
     """Where the package example-robot-data keeps its robots. Raises FileNotFoundError naming the extra to install."""
     candidates = [
@@ -314,6 +395,8 @@ _SCENES = (
         "talos-fall", "humanoid Talos falls unactuated", 2.0, f"{PAPER}, Fig. 4-6; example-robot-data", talos_fall
     ),
     WorldScene("ur5", "arm swings unactuated, self-collision on", 2.0, f"{PAPER}, Fig. 6; example-robot-data", ur5),
+    WorldScene("ur5-wall", "arm with a ball as its tool at a wall", 2.0, f"{PAPER}, Fig. 8; example-robot-data", ur5_wall),
+    WorldScene("talos-wall", "humanoid Talos stands, a hand at a wall", 2.0, "example-robot-data", talos_wall),
     WorldScene("spheres", "spheres poured into a bin", 2.0, "built in", spheres),
     WorldScene("boxes", "boxes tipped into a bin", 2.0, "built in", boxes),
 )
