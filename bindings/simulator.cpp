@@ -448,10 +448,8 @@ void bind_inverse_dynamics(nb::module_& m) {
              return list;
            })
       .def("impulse", [](const InverseDynamics& self) { return Vector(self.impulse()); })
-      .def("warm_start",
-           [](const InverseDynamics& self, Simulator& simulator) {
-             simulator.warm_start(self.assembler().sets(), self.impulse());
-           })
+      .def("warm_start", [](const InverseDynamics& self,
+                            Simulator& simulator) { simulator.warm_start(self.assembler().sets(), self.impulse()); })
       .def("worst", &InverseDynamics::worst);
 }
 

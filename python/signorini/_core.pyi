@@ -81,7 +81,6 @@ def solve_inverse(
     guess: _Vector,
     speed: float,
 ) -> InverseSolution: ...
-
 def inverse_residual(
     velocity: _Vector, compliance: _Vector, sets: ConstraintSets, law: Any, impulse: _Vector
 ) -> float: ...

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,7 +52,7 @@ def inverse_contact(
     impulse_guess: npt.ArrayLike | None = None,
     law: LawName = "ncp",
     *,
-    constraints: Sequence[Constraint] | None = None,
+    constraints: Iterable[Constraint] | None = None,
     proximal_weight: float = 1e-8,
     tolerance: float = 1e-6,
     max_iterations: int = 100,
@@ -94,7 +94,7 @@ def inverse_residual(
     friction: npt.ArrayLike | None = None,
     law: LawName = "ncp",
     *,
-    constraints: Sequence[Constraint] | None = None,
+    constraints: Iterable[Constraint] | None = None,
 ) -> float:
     """How far a velocity is from one that the law allows with an impulse, whoever computed it [m/s, rad/s]: the largest
     dist(-(s + Gamma(s)), N_K(impulse)) of the constraints, s = R impulse + c.
@@ -114,13 +114,15 @@ def _checked(
     contact_velocity: npt.ArrayLike,
     compliance: npt.ArrayLike | None,
     friction: npt.ArrayLike | None,
-    constraints: Sequence[Constraint] | None,
+    constraints: Iterable[Constraint] | None,
 ) -> tuple[_arrays.Array, _arrays.Array, _core.ConstraintSets]:
     c = _arrays.vector("contact_velocity", contact_velocity)
     if (friction is None) == (constraints is None):
         given = "neither" if friction is None else "both"
         raise InvalidInputError(f"friction: {given} of friction and constraints given, must be exactly one")
     if constraints is not None:
+        if isinstance(constraints, (str, bytes)) or not isinstance(constraints, Iterable):
+            raise InvalidInputError(f"constraints: is {constraints!r}, must be a sequence of constraints")
         sets = _constraint_sets(tuple(constraints))
         if sets.size != c.size:
             raise InvalidInputError(f"constraints: have {sets.size} rows, must have {c.size}")

@@ -106,13 +106,15 @@ class InverseDynamics:
             _arrays.number("tolerance", tolerance),
             _arrays.count("max_iterations", max_iterations, 1),
         )
-        self._actuated = np.array(_simulator.InverseDynamics.actuated(world._core), dtype=bool)
+        self._actuated: npt.NDArray[np.bool_] = np.array(
+            _simulator.InverseDynamics.actuated(world._core), dtype=np.bool_
+        )
 
     @property
     def actuated(self) -> npt.NDArray[np.bool_]:
         """(num_v,) velocities that count as actuated unless the call says otherwise: those with an actuator; in a world
         without any, all but those of free joints."""
-        return self._actuated.copy()
+        return np.array(self._actuated, dtype=np.bool_)
 
     def contacts(self, q: ArrayLike) -> list[Contact]:
         """The contact points at q, (num_q,): the order and the frames of impulse_guess and contact_impulse."""
@@ -147,12 +149,14 @@ class InverseDynamics:
         self._core.set_configuration(q)
         if control is not None:
             given.control = _arrays.vector("control", control, world.num_controls)
-        if external_wrench:
+        if external_wrench is not None:
             given.external_wrench = _wrenches(world, external_wrench)
         simulator = None
         if isinstance(impulse_guess, Simulator):
             if impulse_guess.world is not world:
                 raise InvalidInputError("impulse_guess: is a Simulator of another world")
+            if impulse_guess._core.report.steps == 0:
+                raise InvalidInputError("impulse_guess: is a Simulator that has made no step")
             simulator = impulse_guess._core
         elif impulse_guess is not None:
             given.impulse_guess = _guess(world, self._core.points(), impulse_guess, self.settings.time_step)
@@ -160,7 +164,7 @@ class InverseDynamics:
         if actuated is not None:
             has = np.asarray(actuated)
             if has.dtype != np.bool_ or has.shape != (world.num_v,):
-                raise InvalidInputError(f"actuated: has shape {has.shape} of {has.dtype}, must be ({world.num_v},) bool")
+                raise InvalidInputError(f"actuated: has shape {has.shape} {has.dtype}, must be ({world.num_v},) bool")
             given.actuated = [int(one) for one in has]
         given.closest = bool(closest)
         out = self._core.solve(given, simulator)
@@ -218,8 +222,8 @@ def inverse_dynamics(
     v_next: (num_v,) velocity wanted at the end of the step, as Simulator.state.v will have it [m/s, rad/s].
     dt: time step [s], in [1e-6, 0.1].
     impulse_guess: (num_contacts, 3) on body b, in the frames of InverseDynamics.contacts(q) (t1, t2, n) [N s]; or
-        contacts of this configuration with forces, as Simulator.contacts has them after a step from it; or the Simulator
-        itself, for the impulses of limits, joint friction and loops too; None: 0.
+        contacts of this configuration with forces, as Simulator.contacts has them after a step from it; or the
+        Simulator itself, for the impulses of limits, joint friction and loops too; None: 0.
     law: "ncp", Signorini and Coulomb with maximum dissipation, or "ccp", its convex relaxation, for which rigid
         contacts cannot slide without lifting.
     control: (num_controls,) of actuators that act as they do in a step; the answer is what must be added to them. None:
@@ -237,7 +241,8 @@ def inverse_dynamics(
 
     Raises InvalidInputError, a ValueError, naming the field, its value and what is allowed. No solution is a status.
     """
-    key = (world, dt, law, settings, proximal_weight, tolerance, max_iterations)
+    arguments = (dt, law, settings, proximal_weight, tolerance, max_iterations)
+    key = (world, *arguments, *map(type, arguments))  # 100.0 == 100, but is no count
     try:
         solver = _kept.pop(key, None)
     except TypeError:  # something that cannot be a key is not valid either: the constructor says what
@@ -298,21 +303,34 @@ def _wrenches(world: World, given: Mapping[str, ArrayLike]) -> Array:
 
 def _guess(world: World, points: list[Any], given: Any, time_step: float) -> Array:
     if isinstance(given, Sequence) and given and all(isinstance(one, Contact) for one in given):
-        if len(given) != len(points):
-            raise InvalidInputError(
-                f"impulse_guess: has {len(given)} contacts, must have the {len(points)} of this configuration"
-            )
-        out = np.zeros((len(points), 3))
-        for i, (one, point) in enumerate(zip(given, points, strict=True)):
-            names = world.geometries[point.geometry_a].name, world.geometries[point.geometry_b].name
-            if (one.geometry_a, one.geometry_b) != names:
-                raise InvalidInputError(
-                    f"impulse_guess[{i}]: is a contact of {one.geometry_a!r} and {one.geometry_b!r}, must be of "
-                    f"{names[0]!r} and {names[1]!r}, as at this configuration"
-                )
-            out[i] = time_step * (point.frame.T @ one.force)
-        return out.ravel()
+        return _guess_from_contacts(world, points, given, time_step)
     array = np.asarray(given)
     if array.shape == (len(points), 3):
         array = array.ravel()
     return _arrays.vector("impulse_guess", array, 3 * len(points))
+
+
+def _guess_from_contacts(world: World, points: list[Any], given: Sequence[Contact], time_step: float) -> Array:
+    """Impulses of the contacts that are at the same places, in whatever order."""
+    out = np.zeros((len(points), 3))
+    free = set(range(len(points)))
+    for i, one in enumerate(given):
+        nearest, at = _SAME_POINT, None
+        for k in free:
+            point = points[k]
+            names = world.geometries[point.geometry_a].name, world.geometries[point.geometry_b].name
+            away = float(np.linalg.norm(point.position - one.position))
+            if (one.geometry_a, one.geometry_b) == names and away < nearest:
+                nearest, at = away, k
+        if at is not None:
+            free.remove(at)
+            out[at] = time_step * (points[at].frame.T @ one.force)
+        elif np.any(one.force):
+            raise InvalidInputError(
+                f"impulse_guess[{i}]: is a contact of {one.geometry_a!r} and {one.geometry_b!r} at {one.position}, "
+                "where this configuration has none"
+            )
+    return out.ravel()
+
+
+_SAME_POINT = 1e-5  # [m]

@@ -13,7 +13,8 @@ namespace {
 // [m, rad] A gap below counts as touching, with the same slope as an overlap: with two slopes meeting at 0, rounding
 // would make the points of a resting face contradict each other.
 constexpr double kTouching = 1e-7;
-constexpr int kCoupledRows = 200;  // up to this many a dense G is as fast as any
+constexpr double kSamePoint = 1e-5;  // [m] contact points nearer than this are the same, whoever found them
+constexpr int kCoupledRows = 200;    // up to this many a dense G is as fast as any
 
 /// Rotation vector of R, |angle| <= pi.
 Vector3 rotation_vector(const Matrix3& rotation) {
@@ -213,16 +214,18 @@ void Assembler::add_contacts(const std::vector<ContactPoint>& contacts) {
   }
 }
 
-void Assembler::add_limits(const ConstVectorRef& q, const ConstVectorRef& v, const ConstVectorRef& free_v, bool all) {
+void Assembler::add_limits(const ConstVectorRef& q, const ConstVectorRef& v, const ConstVectorRef& free_v,
+                           const ConstVectorRef& reach) {
   for (const int j : limited_joints_) {
     const Joint& joint = world_->joints()[static_cast<std::size_t>(j)];
     // Rows only where the limit is within reach: twice the way of a step, and a little.
-    const double way = settings_.time_step * std::max(std::abs(v[joint.v_index]), std::abs(free_v[joint.v_index]));
-    const double reach = all ? std::numeric_limits<double>::max() : 2.0 * way + 2e-3;
+    const Index k = joint.v_index;
+    const double fastest = std::max({std::abs(v[k]), std::abs(free_v[k]), std::abs(reach[k])});
+    const double way = 2.0 * settings_.time_step * fastest + 2e-3;
     const double below = q[joint.q_index] - joint.lower, above = joint.upper - q[joint.q_index];
     for (const bool lower : {true, false}) {
       const double gap = lower ? below : above;
-      if (!(gap <= reach)) continue;
+      if (!(gap <= way)) continue;
       Set& set = new_set(lower ? SetSource::LowerLimit : SetSource::UpperLimit, j, 0, 1);
       set.v_b = static_cast<int>(joint.v_index);
       set.slope = lower ? 1.0 : -1.0;
@@ -306,21 +309,34 @@ void Assembler::velocities(const ConstVectorRef& u, VectorRef out) {
 }
 
 bool Assembler::copy_impulses(const std::vector<Set>& sets, const ConstVectorRef& impulse, VectorRef own) const {
-  const auto same = [](const Set& a, const Set& b) {
-    return a.source == b.source && a.index == b.index && a.row == b.row &&
-           (a.source != SetSource::Contact || a.point_b == b.point_b);
-  };
-  std::size_t next = 0;  // both are in the same order; limits may be missing in either
+  std::vector<std::uint8_t> used(sets.size(), 0);
   for (const Set& set : sets_) {
-    std::size_t k = next;
-    while (k < sets.size() && !same(set, sets[k])) ++k;
-    if (k == sets.size()) {
-      if (set.source == SetSource::Contact) return false;
-      continue;
+    std::size_t found = sets.size();
+    double nearest = kSamePoint;  // detectors list the points of a pair in any order
+    for (std::size_t k = 0; k < sets.size(); ++k) {
+      const Set& other = sets[k];
+      if (used[k] || other.source != set.source || other.row != set.row) continue;
+      if (set.source == SetSource::Contact) {
+        const double away = (other.point_b - set.point_b).norm();
+        if (other.frame_a != set.frame_a || other.frame_b != set.frame_b || !(away < nearest)) continue;
+        nearest = away;
+      } else if (other.index != set.index) {
+        continue;
+      }
+      found = k;
+      if (set.source != SetSource::Contact) break;
     }
-    own.segment(set.start, set.rows) = impulse.segment(sets[k].start, set.rows);
-    next = k + 1;
+    if (found == sets.size()) continue;
+    used[found] = 1;
+    const auto theirs = impulse.segment(sets[found].start, set.rows);
+    if (set.source == SetSource::Contact)
+      own.segment<3>(set.start) = set.frame.transpose() * (sets[found].frame * Vector3(theirs));
+    else
+      own.segment(set.start, set.rows) = theirs;
   }
+  for (std::size_t k = 0; k < sets.size(); ++k)
+    if (!used[k] && sets[k].source == SetSource::Contact && !impulse.segment<3>(sets[k].start).isZero(0.0))
+      return false;
   return true;
 }
 
@@ -531,7 +547,7 @@ void Assembler::clear() {
 }
 
 void Assembler::assemble(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v,
-                         const ConstVectorRef& free_v, const std::vector<ContactPoint>& contacts, bool all_limits) {
+                         const ConstVectorRef& free_v, const std::vector<ContactPoint>& contacts, const Vector* reach) {
   if (support_masks_.empty()) {  // once: the masks of the tree
     nv_articulated_ = dynamics.num_articulated();
     words_ = static_cast<int>((nv_articulated_ + 63) / 64);
@@ -552,7 +568,7 @@ void Assembler::assemble(const Dynamics& dynamics, const ConstVectorRef& q, cons
   dynamics_ = &dynamics;
   free_v_ = free_v;
   add_contacts(contacts);
-  add_limits(q, v, free_v, all_limits);
+  add_limits(q, v, free_v, reach ? ConstVectorRef(*reach) : free_v);
   add_joint_friction();
   add_equalities(dynamics, q, v);
   correct(v);

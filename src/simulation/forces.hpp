@@ -11,8 +11,8 @@ class Forces {
  public:
   explicit Forces(const World& world);
 
-  /// force += at the old velocity, with springs, dampers and gains taken at the end of the step: what depends on the new
-  /// velocity is added to `implicit`, the diagonal of M^ - M. control: one value an actuator; null: no actuators.
+  /// force += at the old velocity, with springs, dampers and gains taken at the end of the step: what depends on the
+  /// new velocity is added to `implicit`, the diagonal of M^ - M. control: one value an actuator; null: no actuators.
   /// wrenches: 6 x bodies, as in Simulator::external_wrench(), or null. dynamics: updated at (q, v).
   void add(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v, const Vector* control,
            const Matrix* wrenches, double time_step, VectorRef force, VectorRef implicit) const;

@@ -78,7 +78,8 @@ bool turn_back(const World& world, double dt, VectorRef v) {
   for (const Joint& joint : w.joints) {
     const Index at = joint.v_index;
     if (at >= w.nv_articulated) break;
-    if (joint.type == JointType::Free) v.segment<3>(at) = turn_by(dt * v.segment<3>(at + 3)) * Vector3(v.segment<3>(at));
+    if (joint.type == JointType::Free)
+      v.segment<3>(at) = turn_by(dt * v.segment<3>(at + 3)) * Vector3(v.segment<3>(at));
   }
   for (const FreeBody& body : w.free_bodies) {
     const Vector3 next = v.segment<3>(body.v + 3), momentum = body.inertia * next;  // at the end, in the frame there

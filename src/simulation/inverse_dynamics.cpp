@@ -9,15 +9,17 @@
 #include "integration.hpp"
 #include "require.hpp"
 #include "signorini/delassus/dense.hpp"
+#include "signorini/problem/de_saxce.hpp"
 #include "world_collision.hpp"
 
 namespace signorini {
 namespace {
 
-constexpr double kSlowest = 1e-6;  // [m/s] speeds are never judged against less: rounding is no motion
-constexpr int kBounceRounds = 8;
+constexpr double kSlowest = 1e-6;        // [m/s] speeds are never judged against less: rounding is no motion
+constexpr int kRounds = 8;               // until bounces and limits are consistent
 constexpr double kProximalShare = 1e-3;  // rho over the mean of G's diagonal, where the closest motion is sought
 constexpr int kProximalSteps = 50;
+constexpr double kGain = 0.1;
 
 void require_size(const char* field, Index size, Index wanted, bool may_be_empty = false) {
   if (size == wanted || (may_be_empty && size == 0)) return;
@@ -25,21 +27,34 @@ void require_size(const char* field, Index size, Index wanted, bool may_be_empty
 }
 
 /// The solution of a contact problem next to `impulse`, by proximal steps from there: each is a problem with the
-/// compliance R + rho, which always has a solution (T41).
+/// compliance R + rho, which always has a solution (T41). Solved when judge_inverse() finds at most `allowed` [m/s].
 Status solve_next_to(Vector& impulse, const std::shared_ptr<const DenseDelassus>& delassus, const Vector& g,
-                     const ConstraintSets& sets, const Vector& compliance, const Settings& settings) {
+                     const ConstraintSets& sets, const Vector& compliance, const Settings& settings, double allowed) {
   const ContactProblem problem(delassus, g, sets, compliance);
   const double rho = kProximalShare * delassus->matrix().diagonal().mean();
-  Status status = residual(problem, impulse, settings.law).solves(settings.tolerance) ? Status::Solved
-                                                                                     : Status::MaxIterations;
-  for (int k = 0; k < kProximalSteps && status != Status::Solved; ++k) {
+  InverseSolution judged;
+  Vector sigma(impulse.size()), best = impulse;
+  double least = kInfinity;
+  for (int k = 0;; ++k) {
+    problem.velocity(impulse, sigma);
+    judged.impulse = impulse;
+    judge_inverse(sigma - compliance.cwiseProduct(impulse), compliance, sets, settings.law, 1.0, judged);
+    const bool gains = judged.residual < kGain * least;
+    if (judged.residual < least) least = judged.residual, best = impulse;
+    // A start that is good enough stays what it is; else further, as long as that gains much.
+    if (least <= allowed && (k == 0 || !gains || least == 0.0)) break;
+    if (k == kProximalSteps) break;
     const Guess from{impulse, 0.0};
-    const Solution step =
-        solve(ContactProblem(delassus, g - rho * impulse, sets, Vector(compliance.array() + rho)), settings, &from);
-    impulse = step.impulse;
-    if (residual(problem, impulse, settings.law).solves(settings.tolerance)) status = Status::Solved;
+    impulse =
+        solve(ContactProblem(delassus, g - rho * impulse, sets, Vector(compliance.array() + rho)), settings, &from)
+            .impulse;
+    // That may be just inside a border on which it belongs: one step along -s puts it there.
+    problem.velocity(impulse, sigma);
+    add_de_saxce_correction(sets, settings.law, sigma);
+    sets.project(Vector(impulse - sigma.cwiseQuotient(problem.scale())), impulse);
   }
-  return status;
+  impulse = best;
+  return least <= allowed ? Status::Solved : Status::MaxIterations;
 }
 
 }  // namespace
@@ -61,12 +76,17 @@ struct InverseDynamics::Impl {
   }
 
   void check(const Input& input) const;
-  void start(const Input& input);
+  void start(const Input& input, const Vector* reach);
+  void restart(const Input& input);
+  void set_guess(const Input& input);
   void set_speed();
   void find_impulses();
   void add_up(bool with_impulses);
   void find_bounces();
+  void find_impulses_and_bounces(const Input& input);
   bool change_inconsistent_bounces(const Input& input);
+  void find_closest(const Input& input);
+  bool misses_limit() const;
   Status move_to_closest(const Input& input);
 
   std::shared_ptr<const World> world;
@@ -142,22 +162,27 @@ void InverseDynamics::Impl::check(const Input& input) const {
   require_finite("v", input.v);
   require_finite("v_next", input.v_next);
   require_finite("control", input.control);
-  require_finite("external_wrench", Eigen::Map<const Vector>(input.external_wrench.data(), input.external_wrench.size()));
+  require_finite("external_wrench",
+                 Eigen::Map<const Vector>(input.external_wrench.data(), input.external_wrench.size()));
   require_finite("impulse_guess", input.impulse_guess);
 }
 
-/// The constraints as the motion u meets them.
-void InverseDynamics::Impl::start(const Input& input) {
-  assembler.assemble(dynamics, q, input.v, u, points, input.closest);
+/// The constraints as the motion u meets them; with the limits that a motion `reach` comes near, or null.
+void InverseDynamics::Impl::start(const Input& input, const Vector* reach) {
+  assembler.assemble(dynamics, q, input.v, u, points, reach);
   const Index rows = assembler.num_rows();
   compliance.setZero(rows);
   for (const Assembler::Set& set : assembler.sets()) compliance[set.start + set.rows - 1] = set.compliance;
-  guess.setZero(rows);  // contacts come first
+  set_guess(input);
+  set_speed();
+}
+
+void InverseDynamics::Impl::set_guess(const Input& input) {
+  guess.setZero(assembler.num_rows());  // contacts come first
   guess.head(input.impulse_guess.size()) = input.impulse_guess;
   if (input.simulator &&
       !assembler.copy_impulses(input.simulator->assembler().sets(), input.simulator->impulse(), guess))
     throw InvalidInput("impulse_guess", "is a simulator whose last step had other contacts than this configuration");
-  set_speed();
 }
 
 /// What velocities are judged against: the fastest constraint, or a fall of one step.
@@ -218,26 +243,29 @@ const InverseDynamicsResult& InverseDynamics::solve(const Input& input) {
   s.forces.add(s.dynamics, s.q, input.v, input.control.size() > 0 ? &input.control : nullptr,
                input.external_wrench.size() > 0 ? &input.external_wrench : nullptr, dt, s.other, s.implicit);
   s.result.v_next = input.v_next;
-  s.start(input);
-  Status closest = Status::Solved;
   s.settled.clear();
-  if (input.closest) closest = s.move_to_closest(input);
-  s.find_bounces();
-  for (int round = 0;; ++round) {
-    s.find_impulses();
-    if (!s.change_inconsistent_bounces(input)) break;
-    if (round < kBounceRounds) continue;
-    s.solution.status = Status::MaxIterations;
-    break;
-  }
+  s.start(input, nullptr);
+  if (input.closest)
+    s.find_closest(input);
+  else
+    s.find_impulses_and_bounces(input);
   s.acceleration = (s.u - input.v) / dt;
   s.add_up(true);
-  s.result.status = s.solution.status == Status::Solved ? closest : s.solution.status;
+  s.result.status = s.solution.status;
   s.result.residual = s.solution.residual;
   s.result.relative = s.solution.relative;
   s.result.iterations = s.solution.iterations;
   s.result.contact_impulse = s.solution.impulse.head(3 * static_cast<Index>(s.points.size()));
   return s.result;
+}
+
+void InverseDynamics::Impl::find_impulses_and_bounces(const Input& input) {
+  find_bounces();
+  for (int round = 0; round < kRounds; ++round) {
+    find_impulses();
+    if (!change_inconsistent_bounces(input)) return;
+  }
+  solution.status = Status::MaxIterations;
 }
 
 /// Whether a contact that approaches fast bounces depends on the velocity without contact, which follows from the
@@ -250,7 +278,9 @@ void InverseDynamics::Impl::find_bounces() {
     double away[2];
     for (const bool bounces : {false, true}) {
       assembler.set_bounce(i, bounces);
-      const double c = assembler.free_velocity()[set.start + 2];
+      const auto own = assembler.free_velocity().segment<3>(set.start);
+      const double sliding = inverse.law == Law::Ccp ? set.material.friction * own.head<2>().norm() : 0.0;
+      const double c = own[2] - sliding;  // 0 where it is closed
       if (set.compliance > 0.0)
         away[bounces] = std::abs(std::max(0.0, -c / set.compliance) - wanted);
       else  // any impulse where c = 0, none where it separates
@@ -289,7 +319,62 @@ bool InverseDynamics::Impl::change_inconsistent_bounces(const Input& input) {
   return changed;
 }
 
-/// u <- the closest motion that needs no force where nothing is actuated (S13, S14); guess <- its impulses.
+/// The closest motion and its impulses (S13, S14). Which contacts bounce and which limits count follows from the
+/// answer: again until they are right.
+void InverseDynamics::Impl::find_closest(const Input& input) {
+  const Vector wanted = u;
+  Vector reach = u;
+  for (int round = 0;; ++round) {
+    const Status status = move_to_closest(input);
+    find_impulses();
+    if (solution.status == Status::Solved) solution.status = status;
+    if (solution.status == Status::Solved && !(solution.relative <= inverse.tolerance))
+      solution.status = Status::MaxIterations;
+    const bool missed = misses_limit(), changed = change_inconsistent_bounces(input);
+    if (!missed && !changed) break;
+    if (round == kRounds) {
+      solution.status = Status::MaxIterations;
+      break;
+    }
+    reach = reach.cwiseAbs().cwiseMax(u.cwiseAbs());
+    u = wanted;
+    if (missed)
+      start(input, &reach);
+    else
+      restart(input);
+  }
+  Vector moved = q;
+  result.v_next = u;
+  advance(*world, settings.time_step, moved, result.v_next);
+}
+
+/// The same sets, bounces as they are now.
+void InverseDynamics::Impl::restart(const Input& input) {
+  assembler.set_free_velocity(u);
+  set_guess(input);
+  set_speed();
+}
+
+/// Runs into a limit that is not among the sets.
+bool InverseDynamics::Impl::misses_limit() const {
+  for (std::size_t j = 0; j < world->joints().size(); ++j) {
+    const Joint& joint = world->joints()[j];
+    if (joint.num_v() != 1) continue;
+    const double moves = settings.time_step * u[joint.v_index];
+    for (const SetSource side : {SetSource::LowerLimit, SetSource::UpperLimit}) {
+      const bool lower = side == SetSource::LowerLimit;
+      const double gap = lower ? q[joint.q_index] - joint.lower : joint.upper - q[joint.q_index];
+      if (!(gap + (lower ? moves : -moves) < 0.0)) continue;
+      if (std::none_of(assembler.sets().begin(), assembler.sets().end(), [&](const Assembler::Set& set) {
+            return set.source == side && set.index == static_cast<int>(j);
+          }))
+        return true;
+    }
+  }
+  return false;
+}
+
+/// u <- the closest motion that needs no force where nothing is actuated; guess <- impulses of what feels it.
 Status InverseDynamics::Impl::move_to_closest(const Input& input) {
   const std::vector<std::uint8_t>& actuated = input.actuated.empty() ? default_actuated : input.actuated;
   std::vector<Index> free;  // unactuated velocities
@@ -308,31 +393,42 @@ Status InverseDynamics::Impl::move_to_closest(const Input& input) {
   }
   Settings solver = settings.solver;
   solver.law = inverse.law;
+  solver.tolerance = std::min(solver.tolerance, inverse.tolerance);
+  solver.aim = std::min(solver.aim, solver.tolerance);
   Status status = Status::Solved;
 
-  // First what rigid contacts, limits and equalities allow at all: a quadratic program, without friction.
-  ConstraintSets kinematic;
-  std::vector<Index> rows;
-  bool violated = false;
+  // First what rigid contacts, limits and equalities allow at all: quadratic programs, without friction, of the rows
+  // that touch or are violated, until no other is.
   const double allowed = inverse.tolerance * speed;
-  for (std::size_t i = 0; i < assembler.sets().size(); ++i) {
-    const Assembler::Set& set = assembler.sets()[i];
-    const Index row = set.start + set.rows - 1;
-    if (set.compliance > 0.0 || set.source == SetSource::JointFriction) continue;
-    const bool both = set.source == SetSource::Equality;
-    both ? kinematic.add_equality() : kinematic.add_half_line();
-    rows.push_back(row);
-    const double c = assembler.free_velocity()[row];
-    violated = violated || c < -allowed || (both && c > allowed);
-  }
-  if (violated) {
+  const Vector wanted = u;
+  std::vector<Index> rows;
+  std::vector<std::uint8_t> taken(static_cast<std::size_t>(assembler.num_rows()), 0);
+  for (bool first = true;; first = false) {
+    bool violated = false;
+    for (const Assembler::Set& set : assembler.sets()) {
+      const Index row = set.start + set.rows - 1;
+      if (set.compliance > 0.0 || set.source == SetSource::JointFriction || taken[row]) continue;
+      const double c = assembler.free_velocity()[row];
+      const bool both = set.source == SetSource::Equality;
+      if (both ? std::abs(c) > allowed : c < -allowed) violated = true;
+      if (first ? both || c <= allowed : c < -allowed) taken[row] = both ? 2 : 1;
+    }
+    if (!violated) break;
+    ConstraintSets kinematic;
+    rows.clear();
+    for (Index row = 0; row < assembler.num_rows(); ++row) {
+      if (!taken[row]) continue;
+      taken[row] == 2 ? kinematic.add_equality() : kinematic.add_half_line();
+      rows.push_back(row);
+    }
+    assembler.set_free_velocity(wanted);
     const Matrix j = jacobian(rows, Eigen::all);
     const Matrix back = Eigen::LLT<Matrix>(mass).solve(j.transpose());
     const Vector c = assembler.free_velocity()(rows);
     const Solution projection =
         signorini::solve(ContactProblem(std::make_shared<DenseDelassus>(j * back), c, kinematic), solver);
     status = projection.status;
-    u += back * projection.impulse;
+    u = wanted + back * projection.impulse;
     assembler.set_free_velocity(u);
   }
 
@@ -357,8 +453,8 @@ Status InverseDynamics::Impl::move_to_closest(const Input& input) {
     const Matrix back = factor.solve(j.transpose());
     const Vector g = assembler.free_velocity()(rows) + j * change;
     Vector impulse = guess(rows);
-    const Status found =
-        solve_next_to(impulse, std::make_shared<DenseDelassus>(j * back), g, coupled, compliance(rows), solver);
+    const Status found = solve_next_to(impulse, std::make_shared<DenseDelassus>(j * back), g, coupled, compliance(rows),
+                                       solver, allowed);
     if (found != Status::Solved) status = found;
     change += back * impulse;
     guess(rows) = impulse;
@@ -366,9 +462,6 @@ Status InverseDynamics::Impl::move_to_closest(const Input& input) {
   u(free) += change;
   assembler.set_free_velocity(u);
   set_speed();
-  Vector moved = q;
-  result.v_next = u;
-  advance(*world, settings.time_step, moved, result.v_next);
   return status;
 }
 

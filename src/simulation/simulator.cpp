@@ -152,8 +152,8 @@ struct Simulator::Impl {
   double time = 0.0;
   Matrix wrench;
   Vector force, implicit, free_v;  // implicit: what depends on the new velocity, added to M (S2)
-  Vector step_q, step_v;      // at the start of the last step
-  GrowVector impulse, sigma;  // of all sets, those left out of the problem too
+  Vector step_q, step_v;           // at the start of the last step
+  GrowVector impulse, sigma;       // of all sets, those left out of the problem too
 
   // Impulses of the last step, for the next one to start from: of the contacts in world axes, three a point; of limits
   // and dry friction by velocity; of equalities by row.

@@ -1,6 +1,6 @@
-// Algorithm 2 of Carpentier et al. 2024 (section IV), with the correction of each proximal step in closed form: R has no
-// coupling between contacts, so that s = Gamma(sigma) needs not be that of the iterate before (docs/theory.md, section
-// 13).
+// Algorithm 2 of Carpentier et al. 2024 (section IV), with the correction of each proximal step in closed form: R has
+// no coupling between contacts, so that s = Gamma(sigma) needs not be that of the iterate before (docs/theory.md,
+// section 13).
 #include "signorini/solver/inverse.hpp"
 
 #include <algorithm>
@@ -85,7 +85,8 @@ Row3 cone_impulse(double friction, Law law, const Row3& c, double d_t, double d_
   }
   x = Row3(-c[0] / d_t, -c[1] / d_t, std::max(0.0, -c[2] / d_n));  // Signorini knows nothing of the tangents ...
   const double tangent = x.head<2>().norm(), radius = friction * x[2];
-  if (tangent > radius) x.head<2>() *= radius / tangent;  // ... and Coulomb takes what is left
+  if (tangent > radius || radius == 0.0)
+    x.head<2>() *= tangent > 0.0 ? radius / tangent : 0.0;  // ... and Coulomb takes what is left
   return x;
 }
 
@@ -164,10 +165,16 @@ void check_input(const ConstVectorRef& velocity, const ConstVectorRef& complianc
   }
 }
 
-double reference_speed(const ConstVectorRef& velocity, const ConstraintSets& sets, double speed) {
+/// What velocities are small against: as given, or the largest c or R impulse of a set.
+double reference_speed(const ConstVectorRef& velocity, const ConstVectorRef& compliance, const ConstraintSets& sets,
+                       const ConstVectorRef& impulse, double speed) {
   if (speed > 0.0) return speed;
-  for (const ConstraintSet& set : sets) speed = std::max(speed, velocity.segment(set.offset, set.size()).norm());
-  return speed;
+  for (const ConstraintSet& set : sets) {
+    const Index at = set.offset, rows = set.size();
+    const double springs = compliance.segment(at, rows).cwiseProduct(impulse.segment(at, rows)).norm();
+    speed = std::max({speed, velocity.segment(at, rows).norm(), springs});
+  }
+  return std::min(speed, kOverflow);
 }
 
 void judge(const ConstVectorRef& velocity, const ConstVectorRef& compliance, const ConstraintSets& sets, Law law,
@@ -184,7 +191,7 @@ void judge(const ConstVectorRef& velocity, const ConstVectorRef& compliance, con
     if (own != own) break;
   }
   solution.relative = solution.residual;
-  if (solution.residual > 0.0) solution.relative /= reference_speed(velocity, sets, speed);
+  if (solution.residual > 0.0) solution.relative /= speed;
 }
 
 }  // namespace
@@ -199,7 +206,7 @@ void judge_inverse(const ConstVectorRef& velocity, const ConstVectorRef& complia
                    Law law, double speed, InverseSolution& solution) {
   const ConstVectorRef impulse(solution.impulse);
   check_input(velocity, compliance, sets, &impulse, speed);
-  judge(velocity, compliance, sets, law, speed, solution);
+  judge(velocity, compliance, sets, law, reference_speed(velocity, compliance, sets, impulse, speed), solution);
 }
 
 void solve_inverse(const ConstVectorRef& velocity, const ConstVectorRef& compliance, const ConstraintSets& sets,
@@ -216,14 +223,15 @@ void solve_inverse(const ConstVectorRef& velocity, const ConstVectorRef& complia
       x.segment(set.offset, set.size()).setZero();
       project(set, x.data() + set.offset, x.data() + set.offset);
     }
-  const double allowed = settings.tolerance * reference_speed(velocity, sets, speed);
+  speed = reference_speed(velocity, compliance, sets, x, speed);
+  const double allowed = settings.tolerance * speed;
   solution.status = Status::Solved;
   solution.iterations = 0;
   for (const ConstraintSet& set : sets) {  // none feels another
     const Index at = set.offset;
     int iterations = 0;
-    const Status own = solve_set(set, settings, velocity.data() + at, compliance.data() + at, allowed, x.data() + at,
-                                 iterations);
+    const Status own =
+        solve_set(set, settings, velocity.data() + at, compliance.data() + at, allowed, x.data() + at, iterations);
     solution.iterations = std::max(solution.iterations, iterations);
     if (severity(own) > severity(solution.status)) solution.status = own;
   }

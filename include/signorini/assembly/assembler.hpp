@@ -55,7 +55,7 @@ class Assembler {
     int frame_a = 0, frame_b = 0;  ///< likewise: what they move with
     int v_a = -1, v_b = -1;        ///< others: the velocity is u[v_b] - slope u[v_a], or without v_a slope u[v_b]
     double slope = 1.0;
-    Material material;  ///< Contact: mixed
+    Material material;                       ///< Contact: mixed
     double gap = 0.0, gap_correction = 0.0;  ///< Contact [m], and its correction without bounce [m/s]
     double bounce = 0.0;  ///< Contact: e v_N [m/s] where the approach is fast enough to bounce (S8), else 0
     bool bounces = false;
@@ -65,9 +65,9 @@ class Assembler {
 
   /// The sets, and g of all their rows. dynamics: updated at (q, v), and factored before select(); free_v: velocity at
   /// the end of the step without constraint impulses. With a wanted velocity instead, g is what inverse dynamics asks.
-  /// all_limits: also those out of reach.
+  /// reach: limits that this velocity comes near are there too.
   void assemble(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v,
-                const ConstVectorRef& free_v, const std::vector<ContactPoint>& contacts, bool all_limits = false);
+                const ConstVectorRef& free_v, const std::vector<ContactPoint>& contacts, const Vector* reach = nullptr);
   /// No sets, until the next assemble().
   void clear();
   const std::vector<Set>& sets() const { return sets_; }
@@ -82,7 +82,7 @@ class Assembler {
   /// Velocities J u of all sets, num_rows() values; without a Jacobian, from the twists of the bodies.
   void velocities(const ConstVectorRef& u, VectorRef out);
   /// own (num_rows() values) <- the impulses that another assembler of this world found at this configuration: of the
-  /// same contacts, limits, joints and equalities. False where one of the contacts here was none there.
+  /// same contacts, limits, joints and equalities. False where one of the contacts that push there is none here.
   bool copy_impulses(const std::vector<Set>& sets, const ConstVectorRef& impulse, VectorRef own) const;
   /// factor J^T impulse without a Jacobian: as wrenches on the frames, and as forces on velocities for sets of joints;
   /// added.
@@ -112,7 +112,8 @@ class Assembler {
   /// velocity = J u of a set; twists: those of the frames at u.
   void set_velocity(const Set& set, const ConstVectorRef& u, const std::vector<Twist>& twists, double* velocity) const;
   void add_contacts(const std::vector<ContactPoint>& contacts);
-  void add_limits(const ConstVectorRef& q, const ConstVectorRef& v, const ConstVectorRef& free_v, bool all);
+  void add_limits(const ConstVectorRef& q, const ConstVectorRef& v, const ConstVectorRef& free_v,
+                  const ConstVectorRef& reach);
   void add_joint_friction();
   void add_equalities(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v);
   void correct(const ConstVectorRef& v);

@@ -15,11 +15,11 @@ struct InverseDynamicsResult {
   /// Of the contact impulses. Solved; Infeasible: no impulse allows this motion; MaxIterations; Invalid. Of the closest
   /// motion also what the contact solver says. Numbers are filled in all cases.
   Status status = Status::Invalid;
-  double residual = 0.0;  ///< InverseSolution::residual [m/s, rad/s]
-  double relative = 0.0;  ///< the same over the largest speed in sight: of contacts, or of a fall in one step
-  int iterations = 0;     ///< proximal steps
-  Vector force;           ///< nv, generalised, for the step: J^T impulse / time_step is not in it [N, N m]
-  Vector v_next;          ///< nv, the motion that this is for: the wanted one, or the closest feasible
+  double residual = 0.0;   ///< InverseSolution::residual [m/s, rad/s]
+  double relative = 0.0;   ///< the same over the largest speed in sight: of contacts, or of a fall in one step
+  int iterations = 0;      ///< proximal steps
+  Vector force;            ///< nv, generalised, for the step: J^T impulse / time_step is not in it [N, N m]
+  Vector v_next;           ///< nv, the motion that this is for: the wanted one, or the closest feasible
   Vector contact_impulse;  ///< 3 a contact point, in its frame [N s]
 };
 
@@ -46,12 +46,12 @@ class InverseDynamics {
   const std::vector<ContactPoint>& points() const;
 
   struct Input {
-    Vector v, v_next;            ///< nv; velocities as Simulator::v() has them before and after the step
-    Vector control;              ///< of actuators that act as in the step; empty: none do, their work is in `force`
-    Matrix external_wrench;      ///< as Simulator::external_wrench(); empty: none
-    Vector impulse_guess;        ///< 3 a point, in contact_frame(normal) [N s]; empty: 0
+    Vector v, v_next;        ///< nv; velocities as Simulator::v() has them before and after the step
+    Vector control;          ///< of actuators that act as in the step; empty: none do, their work is in `force`
+    Matrix external_wrench;  ///< as Simulator::external_wrench(); empty: none
+    Vector impulse_guess;    ///< 3 a point, in contact_frame(normal) [N s]; empty: 0
     const Simulator* simulator = nullptr;  ///< its last step's impulses as guess, from this configuration; or null
-    bool closest = false;        ///< find the closest motion that needs no force at unactuated velocities (S14)
+    bool closest = false;                ///< find the closest motion that needs no force at unactuated velocities (S14)
     std::vector<std::uint8_t> actuated;  ///< nv; empty: actuated(world)
   };
   /// At the configuration set before. Raises InvalidInput naming the field, the value and the allowed range.

@@ -33,8 +33,9 @@ struct InverseSolution {
 ///     lambda in K,   sigma = R lambda + c,   -(sigma + Gamma(sigma)) in N_K(lambda).
 /// Where R = 0 there are many or none: the answer is the one next to the guess, by proximal steps.
 /// velocity: c = J v + corrections [m/s]. compliance: diagonal of R [1/kg] >= 0, equal for the two tangents of a
-/// contact. guess: an impulse, in K or not, or null for 0. speed: what `relative` is relative to [m/s]; 0: max |c| of the sets.
-/// Allocates nothing for sizes already seen. Raises InvalidInput naming the field, the value and the allowed range.
+/// contact. guess: an impulse, in K or not, or null for 0. speed: what `relative` is relative to [m/s]; 0: max |c| of
+/// the sets. Allocates nothing for sizes already seen. Raises InvalidInput naming the field, the value and the allowed
+/// range.
 void solve_inverse(const ConstVectorRef& velocity, const ConstVectorRef& compliance, const ConstraintSets& sets,
                    const InverseSettings& settings, InverseSolution& solution, const ConstVectorRef* guess = nullptr,
                    double speed = 0.0);

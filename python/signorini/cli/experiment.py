@@ -170,7 +170,7 @@ def stepping(output: Output, quick: Quick = False) -> None:
 
 @app.command()
 def inverse(output: Output, quick: Quick = False) -> None:
-    """Fig. 8: UR5 slides along a wall, Talos pushes one; inverse against forward dynamics, MuJoCo's, Pinocchio's times."""
+    """Fig. 8: UR5 slides along a wall, Talos pushes one; round trips, MuJoCo's inverse, times beside Pinocchio's."""
     from signorini.experiments import inverse as experiment
 
     _run(experiment.run, _options(output, None, quick, None, False, None))

@@ -395,7 +395,7 @@ _SCENES = (
         "talos-fall", "humanoid Talos falls unactuated", 2.0, f"{PAPER}, Fig. 4-6; example-robot-data", talos_fall
     ),
     WorldScene("ur5", "arm swings unactuated, self-collision on", 2.0, f"{PAPER}, Fig. 6; example-robot-data", ur5),
-    WorldScene("ur5-wall", "arm with a ball as its tool at a wall", 2.0, f"{PAPER}, Fig. 8; example-robot-data", ur5_wall),
+    WorldScene("ur5-wall", "arm, its tool at a wall", 2.0, f"{PAPER}, Fig. 8; example-robot-data", ur5_wall),
     WorldScene("talos-wall", "humanoid Talos stands, a hand at a wall", 2.0, "example-robot-data", talos_wall),
     WorldScene("spheres", "spheres poured into a bin", 2.0, "built in", spheres),
     WorldScene("boxes", "boxes tipped into a bin", 2.0, "built in", boxes),
