@@ -52,6 +52,7 @@ test-examples: $(venv)/installed
 	$(bin)/cmake --build build/example
 	build/example/sliding_block
 	$(bin)/python examples/python/sliding_block.py
+	$(bin)/python examples/python/wipe_wall.py build/example
 
 ## make bench: a sample of each experiment, into results/; all of one: signorini experiment NAME --output DIR
 bench: $(venv)/installed

@@ -140,6 +140,9 @@ void InverseDynamics::set_configuration(const ConstVectorRef& q, const std::vect
   if (!s.world->normalize(s.q)) throw InvalidInput("q", "has a quaternion of length 0");
   s.dynamics.update_placements(s.q);
   s.points = points;
+  s.assembler.clear();  // contacts() and worst() are of these points
+  s.solution.impulse.resize(0);
+  s.solution.residual = 0.0;
 }
 
 void InverseDynamics::set_configuration(const ConstVectorRef& q) {

@@ -56,7 +56,7 @@ class InverseDynamics {
   };
   /// At the configuration set before. Raises InvalidInput naming the field, the value and the allowed range.
   const InverseDynamicsResult& solve(const Input& input);
-  /// The contacts of the last solve.
+  /// The contacts of the last solve; none after set_configuration().
   std::vector<Contact> contacts() const;
   /// The impulses of the last solve, of all constraints: contacts first, then limits, joint friction, equalities.
   ConstVectorRef impulse() const;
