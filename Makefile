@@ -56,7 +56,7 @@ test-examples: $(venv)/installed
 
 ## make bench: a sample of each experiment, into results/; all of one: signorini experiment NAME --output DIR
 bench: $(venv)/installed
-	for name in convergence scaling $(if $(SIGNORINI_DATA),profiles updates robustness peers); do \
+	for name in convergence scaling inverse $(if $(SIGNORINI_DATA),profiles updates robustness peers); do \
 	  $(bin)/signorini experiment $$name --quick --output results/$$name || exit 1; done
 	for scene in boxes cube-stack humanoid spheres; do \
 	  $(bin)/signorini run $$scene --duration 2 --hardest results/hardest_steps/$$scene || exit 1; done

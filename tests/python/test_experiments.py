@@ -7,7 +7,17 @@ from typer.testing import CliRunner
 import signorini
 from signorini import fclib, scenes
 from signorini.cli.main import app
-from signorini.experiments import DataMissingError, Options, _plots, data_directory, profiles, robustness, scaling
+from signorini.experiments import (
+    DataMissingError,
+    Options,
+    _plots,
+    data_directory,
+    inverse,
+    inverse_checks,
+    profiles,
+    robustness,
+    scaling,
+)
 from signorini.experiments._data import problem_files
 from signorini.experiments._report import Report, RunLog, Verdict, summary
 
@@ -52,6 +62,22 @@ def test_an_experiment_writes_its_numbers(folder, tmp_path, name):
     for verdict in content["verdicts"]:
         assert verdict["claim"] in result.output
     assert (output / f"{name}.png").exists() == _plots.available()
+
+
+def test_inverse(tmp_path, monkeypatch):
+    pytest.importorskip("mujoco")
+    pytest.importorskip("pinocchio")
+    try:
+        scenes.robots_folder()
+    except FileNotFoundError as error:
+        pytest.skip(str(error))
+    monkeypatch.setattr(inverse_checks, "QUICK_STATES", 2)
+    monkeypatch.setattr(inverse, "TALOS_PUSH", 5.0)
+    result = run("inverse", "--output", tmp_path, "--quick")
+    assert result.exit_code == 0, result.output
+    content = load(tmp_path / "inverse.json")
+    assert all(verdict["met"] is not False or "time" in verdict["claim"] for verdict in content["verdicts"])
+    assert (tmp_path / "inverse.png").exists() == _plots.available()
 
 
 def test_convergence(tmp_path):

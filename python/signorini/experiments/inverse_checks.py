@@ -172,7 +172,7 @@ def round_trips(make: Callable[[Material], World], stiffness: float, num_states:
         if not rigid:
             any_motion = v_next + random.standard_normal(world.num_v) * random.choice([1e-3, 1e-2, 1e-1])
             found = inverse((q, v), any_motion, push)
-            off = error(forward(check, q, v, found.force), any_motion, v)
+            off = error(forward(exact, q, v, found.force), any_motion, v)
             worst["any motion"] = max(worst["any motion"], math.inf if found.status != "solved" else off)
     return {"counts": counts, "worst": worst}
 
