@@ -231,9 +231,8 @@ def inverse_dynamics(
     external_wrench: by name of a body: force at its origin [N] and moment [N m], 6 values, world axes.
     actuated: (num_v,) bool, where torques may act. None: where actuators are, or without any, everywhere but at free
         joints.
-    closest: find the motion closest to v_next that needs no force at unactuated velocities, and what it takes: first
-        the least change, in the metric of the mass matrix, that rigid contacts and loops allow at all, then that of
-        the unactuated velocities.
+    closest: find the motion closest to v_next, in the metric of the mass matrix, that rigid contacts and loops allow
+        and that needs no force at unactuated velocities, and what it takes (S13 to S15; milliseconds for a humanoid).
     settings: of the step to invert: corrections, margin, restitution threshold; solver of the closest motion. Its time
         step and law are replaced by dt and law.
     proximal_weight: rho [1/kg], in (0, 1e6], stands in where compliance is 0.

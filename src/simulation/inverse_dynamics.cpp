@@ -1,60 +1,24 @@
 #include "signorini/simulation/inverse_dynamics.hpp"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 
+#include "closest_motion.hpp"
 #include "contact_report.hpp"
 #include "forces.hpp"
 #include "integration.hpp"
 #include "require.hpp"
-#include "signorini/delassus/dense.hpp"
-#include "signorini/problem/de_saxce.hpp"
 #include "world_collision.hpp"
 
 namespace signorini {
 namespace {
 
-constexpr double kSlowest = 1e-6;        // [m/s] speeds are never judged against less: rounding is no motion
-constexpr int kRounds = 8;               // until bounces and limits are consistent
-constexpr double kProximalShare = 1e-3;  // rho over the mean of G's diagonal, where the closest motion is sought
-constexpr int kProximalSteps = 50;
-constexpr double kGain = 0.1;
+constexpr double kSlowest = 1e-6;  // [m/s] speeds are never judged against less: rounding is no motion
+constexpr int kRounds = 8;         // until bounces and limits are consistent
 
 void require_size(const char* field, Index size, Index wanted, bool may_be_empty = false) {
   if (size == wanted || (may_be_empty && size == 0)) return;
   throw InvalidInput(field, "has " + std::to_string(size) + " values, must have " + std::to_string(wanted));
-}
-
-/// The solution of a contact problem next to `impulse`, by proximal steps from there: each is a problem with the
-/// compliance R + rho, which always has a solution (T41). Solved when judge_inverse() finds at most `allowed` [m/s].
-Status solve_next_to(Vector& impulse, const std::shared_ptr<const DenseDelassus>& delassus, const Vector& g,
-                     const ConstraintSets& sets, const Vector& compliance, const Settings& settings, double allowed) {
-  const ContactProblem problem(delassus, g, sets, compliance);
-  const double rho = kProximalShare * delassus->matrix().diagonal().mean();
-  InverseSolution judged;
-  Vector sigma(impulse.size()), best = impulse;
-  double least = kInfinity;
-  for (int k = 0;; ++k) {
-    problem.velocity(impulse, sigma);
-    judged.impulse = impulse;
-    judge_inverse(sigma - compliance.cwiseProduct(impulse), compliance, sets, settings.law, 1.0, judged);
-    const bool gains = judged.residual < kGain * least;
-    if (judged.residual < least) least = judged.residual, best = impulse;
-    // A start that is good enough stays what it is; else further, as long as that gains much.
-    if (least <= allowed && (k == 0 || !gains || least == 0.0)) break;
-    if (k == kProximalSteps) break;
-    const Guess from{impulse, 0.0};
-    impulse =
-        solve(ContactProblem(delassus, g - rho * impulse, sets, Vector(compliance.array() + rho)), settings, &from)
-            .impulse;
-    // That may be just inside a border on which it belongs: one step along -s puts it there.
-    problem.velocity(impulse, sigma);
-    add_de_saxce_correction(sets, settings.law, sigma);
-    sets.project(Vector(impulse - sigma.cwiseQuotient(problem.scale())), impulse);
-  }
-  impulse = best;
-  return least <= allowed ? Status::Solved : Status::MaxIterations;
 }
 
 }  // namespace
@@ -380,92 +344,43 @@ bool InverseDynamics::Impl::misses_limit() const {
 /// u <- the closest motion that needs no force where nothing is actuated; guess <- impulses of what feels it.
 Status InverseDynamics::Impl::move_to_closest(const Input& input) {
   const std::vector<std::uint8_t>& actuated = input.actuated.empty() ? default_actuated : input.actuated;
-  std::vector<Index> free;  // unactuated velocities
+  ClosestProblem p;
   for (Index k = 0; k < u.size(); ++k)
-    if (!actuated[static_cast<std::size_t>(k)]) free.push_back(k);
-
+    if (!actuated[static_cast<std::size_t>(k)]) p.unactuated.push_back(k);
   dynamics.update(q, input.v);
-  Matrix mass = dynamics.mass_matrix();
-  mass.diagonal() += implicit;
-  Matrix jacobian(assembler.num_rows(), u.size());
+  p.mass = dynamics.mass_matrix();
+  p.mass.diagonal() += implicit;
+  p.jacobian.resize(assembler.num_rows(), u.size());
   GrowVector column;
-  column.resize(jacobian.rows());
+  column.resize(p.jacobian.rows());
   for (Index k = 0; k < u.size(); ++k) {
     assembler.velocities(Vector::Unit(u.size(), k), column);
-    jacobian.col(k) = column;
+    p.jacobian.col(k) = column;
   }
-  Settings solver = settings.solver;
-  solver.law = inverse.law;
-  solver.tolerance = std::min(solver.tolerance, inverse.tolerance);
-  solver.aim = std::min(solver.aim, solver.tolerance);
-  Status status = Status::Solved;
-
-  // First what rigid contacts, limits and equalities allow at all: quadratic programs, without friction, of the rows
-  // that touch or are violated, until no other is.
-  const double allowed = inverse.tolerance * speed;
-  const Vector wanted = u;
-  std::vector<Index> rows;
-  std::vector<std::uint8_t> taken(static_cast<std::size_t>(assembler.num_rows()), 0);
-  for (bool first = true;; first = false) {
-    bool violated = false;
-    for (const Assembler::Set& set : assembler.sets()) {
-      const Index row = set.start + set.rows - 1;
-      if (set.compliance > 0.0 || set.source == SetSource::JointFriction || taken[row]) continue;
-      const double c = assembler.free_velocity()[row];
-      const bool both = set.source == SetSource::Equality;
-      if (both ? std::abs(c) > allowed : c < -allowed) violated = true;
-      if (first ? both || c <= allowed : c < -allowed) taken[row] = both ? 2 : 1;
-    }
-    if (!violated) break;
-    ConstraintSets kinematic;
-    rows.clear();
-    for (Index row = 0; row < assembler.num_rows(); ++row) {
-      if (!taken[row]) continue;
-      taken[row] == 2 ? kinematic.add_equality() : kinematic.add_half_line();
-      rows.push_back(row);
-    }
-    assembler.set_free_velocity(wanted);
-    const Matrix j = jacobian(rows, Eigen::all);
-    const Matrix back = Eigen::LLT<Matrix>(mass).solve(j.transpose());
-    const Vector c = assembler.free_velocity()(rows);
-    const Solution projection =
-        signorini::solve(ContactProblem(std::make_shared<DenseDelassus>(j * back), c, kinematic), solver);
-    status = projection.status;
-    u = wanted + back * projection.impulse;
-    assembler.set_free_velocity(u);
-  }
-
-  // Then, joints as they are now, the motion of what is not actuated: a contact problem with
-  // G = J_u M_uu^-1 J_u^T. Sets that do not feel it keep their velocity, and their impulses are found afterwards.
+  p.velocity = assembler.free_velocity();
+  p.compliance = compliance;
+  p.guess = guess;
+  p.sets = assembler.constraint_sets();
+  for (const Assembler::Set& set : assembler.sets())
+    p.kinematic.push_back(set.compliance == 0.0 && set.source != SetSource::JointFriction);
   acceleration = (u - input.v) / settings.time_step;
   add_up(false);
-  const Eigen::LLT<Matrix> factor(mass(free, free));
-  ConstraintSets coupled;
-  rows.clear();
-  settled.assign(assembler.sets().size(), 0);
-  for (Index i = 0; i < static_cast<Index>(assembler.sets().size()); ++i) {
-    const Assembler::Set& set = assembler.sets()[static_cast<std::size_t>(i)];
-    if (jacobian.middleRows(set.start, set.rows)(Eigen::all, free).isZero(1e-12)) continue;
-    settled[static_cast<std::size_t>(i)] = 1;
-    coupled.add(assembler.constraint_sets()[i]);
-    for (int r = 0; r < set.rows; ++r) rows.push_back(set.start + r);
-  }
-  Vector change = -factor.solve(Vector(settings.time_step * result.force(free)));  // nobody gives that force
-  if (!rows.empty()) {
-    const Matrix j = jacobian(rows, free);
-    const Matrix back = factor.solve(j.transpose());
-    const Vector g = assembler.free_velocity()(rows) + j * change;
-    Vector impulse = guess(rows);
-    const Status found = solve_next_to(impulse, std::make_shared<DenseDelassus>(j * back), g, coupled, compliance(rows),
-                                       solver, allowed);
-    if (found != Status::Solved) status = found;
-    change += back * impulse;
-    guess(rows) = impulse;
-  }
-  u(free) += change;
+  p.missing = settings.time_step * result.force(p.unactuated);
+  p.solver = settings.solver;
+  p.solver.law = inverse.law;
+  p.solver.tolerance = std::min(p.solver.tolerance, inverse.tolerance);
+  p.solver.aim = std::min(p.solver.aim, p.solver.tolerance);
+  p.allowed = inverse.tolerance * speed;
+
+  const ClosestMotion found = closest_motion(p);
+  u += found.change;
+  guess = found.impulse;
+  settled = found.settled;
   assembler.set_free_velocity(u);
+  const double wanted = speed;
   set_speed();
-  return status;
+  speed = std::max(speed, wanted);
+  return found.status;
 }
 
 std::vector<Contact> InverseDynamics::contacts() const {
