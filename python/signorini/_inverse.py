@@ -24,7 +24,7 @@ class InverseSolution:
     velocity: s = R impulse + c [m/s], (n,), without the De Saxce correction
     residual: how far the velocity is from one that the law allows with this impulse [m/s, rad/s]: the largest
         dist(-(s + Gamma(s)), N_K(impulse)) of the constraints
-    relative: the same over the largest |c| of a constraint; compared with the tolerance
+    relative: the same over the largest |c| or |R guess| of a constraint; compared with the tolerance
     worst: the constraint with the largest residual; -1 without constraints
     iterations: proximal steps
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -22,7 +23,7 @@ class InverseDynamicsResult:
     """What a wanted motion takes; complete also when there is no solution.
 
     torque: (num_v,) what the actuated velocities need [N, N m], 0 at the others. Constant during the step; contact,
-        gravity, springs, dampers and given controls are taken care of.
+        gravity, springs, dampers and given controls are taken care of. Of no meaning, and often huge, unless solved.
     contact_impulse: (num_contacts, 3), on body b in the frames of `contacts` (t1, t2, n) [N s].
     root_wrench: what no actuator can give, by the name of the joint it is missing at: generalised forces of its
         velocities [N, N m]; of a free joint, force and moment in the frame of the body. A motion is feasible when these
@@ -127,6 +128,10 @@ class InverseDynamics:
         """
         if not isinstance(simulator, Simulator) or simulator.world is not self.world:
             raise InvalidInputError("simulator: must be a Simulator of the same world")
+        if simulator.settings.time_step != self.settings.time_step:
+            raise InvalidInputError(
+                f"simulator: has the time step {simulator.settings.time_step} s, must have {self.settings.time_step} s"
+            )
         self._core.warm_start(simulator._core)
 
     def __call__(
@@ -232,7 +237,8 @@ def inverse_dynamics(
     actuated: (num_v,) bool, where torques may act. None: where actuators are, or without any, everywhere but at free
         joints.
     closest: find the motion closest to v_next, in the metric of the mass matrix, that rigid contacts and loops allow
-        and that needs no force at unactuated velocities, and what it takes (S13 to S15; milliseconds for a humanoid).
+        and that needs no force at unactuated velocities, and what it takes (S13 to S15). A few milliseconds
+        with tens of contact points; seconds with hundreds, and then it may end with "max iterations".
     settings: of the step to invert: corrections, margin, restitution threshold; solver of the closest motion. Its time
         step and law are replaced by dt and law.
     proximal_weight: rho [1/kg], in (0, 1e6], stands in where compliance is 0.
@@ -243,7 +249,8 @@ def inverse_dynamics(
     arguments = (dt, law, settings, proximal_weight, tolerance, max_iterations)
     key = (world, *arguments, *map(type, arguments))  # 100.0 == 100, but is no count
     try:
-        solver = _kept.pop(key, None)
+        with _lock:
+            solver = _kept.pop(key, None)
     except TypeError:  # something that cannot be a key is not valid either: the constructor says what
         solver = None
     if solver is None:
@@ -265,15 +272,17 @@ def inverse_dynamics(
         actuated=actuated,
         closest=closest,
     )
-    _kept[key] = solver
-    while len(_kept) > _MOST_KEPT:
-        _kept.pop(next(iter(_kept)), None)
+    with _lock:
+        _kept[key] = solver
+        while len(_kept) > _MOST_KEPT:
+            del _kept[next(iter(_kept))]
     return result
 
 
 # Of the last calls, not in use by any thread.
 _kept: dict[Any, InverseDynamics] = {}
 _MOST_KEPT = 4
+_lock = threading.Lock()
 
 
 def _state(world: World, state: Any) -> tuple[Array, Array]:
@@ -296,7 +305,10 @@ def _wrenches(world: World, given: Mapping[str, ArrayLike]) -> Array:
         raise InvalidInputError(f"external_wrench: is a {type(given).__name__}, must be a dict by name of a body")
     all_of_them = np.zeros((6, len(world.bodies)))
     for body, wrench in given.items():
-        all_of_them[:, world.body_index(body)] = _arrays.vector(f"external_wrench[{body!r}]", wrench, 6)
+        values = _arrays.vector(f"external_wrench[{body!r}]", wrench, 6)
+        if not (np.abs(values) <= 1e100).all():
+            raise InvalidInputError(f"external_wrench[{body!r}]: is {values.tolist()}, must be within +-1e100")
+        all_of_them[:, world.body_index(body)] = values
     return all_of_them
 
 

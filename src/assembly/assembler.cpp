@@ -309,6 +309,7 @@ void Assembler::velocities(const ConstVectorRef& u, VectorRef out) {
 }
 
 bool Assembler::copy_impulses(const std::vector<Set>& sets, const ConstVectorRef& impulse, VectorRef own) const {
+  if (!sets.empty() && impulse.size() != sets.back().start + sets.back().rows) return false;
   std::vector<std::uint8_t> used(sets.size(), 0);
   for (const Set& set : sets_) {
     std::size_t found = sets.size();

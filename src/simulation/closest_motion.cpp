@@ -92,8 +92,8 @@ Search::Search(const ClosestProblem& problem) : p_(problem), mass_(problem.mass)
   }
 }
 
-/// change <- the least change that rigid contacts, limits and equalities allow at all: quadratic programs, without
-/// friction, of the rows that touch or are violated, until no other is.
+/// change <- the least change that rigid contacts, limits and equalities allow at all: convex programs of the sets that
+/// touch or are violated, until no other is. Contacts may not approach; under the CCP, not slide without lifting.
 Status Search::project_on_allowed(Vector& change) const {
   change = Vector::Zero(p_.mass.rows());
   Status status = Status::Solved;
@@ -109,12 +109,19 @@ Status Search::project_on_allowed(Vector& change) const {
       if (!p_.kinematic[at]) continue;
       const Index row = set.offset + set.size() - 1;
       const bool both = set.type == SetType::Equality;
+      const bool cone = set.type == SetType::FrictionCone && p_.solver.law == Law::Ccp;
+      const double sliding = cone ? set.friction * now.segment<2>(set.offset).norm() : 0.0;
       if (!taken[at]) {
-        const bool breaks = both ? std::abs(now[row]) > p_.allowed : now[row] < -p_.allowed;
+        const bool breaks = both ? std::abs(now[row]) > p_.allowed : now[row] < sliding - p_.allowed;
         violated = violated || breaks;
-        taken[at] = breaks || (first && (both || now[row] <= p_.allowed));
+        taken[at] = breaks || (first && (both || now[row] <= sliding + p_.allowed));
       }
       if (!taken[at]) continue;
+      if (cone) {
+        sets.add_friction_cone(set.friction);
+        for (Index k = 0; k < 3; ++k) rows.push_back(set.offset + k);
+        continue;
+      }
       both ? sets.add_equality() : sets.add_half_line();
       rows.push_back(row);
     }

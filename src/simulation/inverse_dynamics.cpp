@@ -39,6 +39,8 @@ struct InverseDynamics::Impl {
     default_actuated = InverseDynamics::actuated(*world);
   }
 
+  const InverseDynamicsResult& solve(const Input& input);
+  void forget();
   void check(const Input& input) const;
   void start(const Input& input, const Vector* reach);
   void restart(const Input& input);
@@ -100,13 +102,20 @@ void InverseDynamics::set_configuration(const ConstVectorRef& q, const std::vect
   Impl& s = *impl_;
   require_size("q", q.size(), s.world->num_q());
   require_finite("q", q);
+  const auto num_geometries = static_cast<int>(s.world->geometries().size());
+  for (const ContactPoint& point : points) {
+    for (const int g : {point.geometry_a, point.geometry_b})
+      require(g >= 0 && g < num_geometries, "points: geometry", g, "one of the world's");
+    require_finite("points: position", point.position);
+    require_finite("points: normal", point.normal);
+    require(std::abs(point.distance) <= 1e100, "points: distance", point.distance, "within +-1e100 m");
+    require(point.patch_size >= 1, "points: patch_size", point.patch_size, "at least 1");
+  }
   s.q = q;
   if (!s.world->normalize(s.q)) throw InvalidInput("q", "has a quaternion of length 0");
   s.dynamics.update_placements(s.q);
   s.points = points;
-  s.assembler.clear();  // contacts() and worst() are of these points
-  s.solution.impulse.resize(0);
-  s.solution.residual = 0.0;
+  s.forget();  // contacts() and worst() are of these points
 }
 
 void InverseDynamics::set_configuration(const ConstVectorRef& q) {
@@ -124,6 +133,9 @@ void InverseDynamics::Impl::check(const Input& input) const {
   require_size("control", input.control.size(), world->num_controls(), true);
   const auto bodies = static_cast<Index>(world->bodies().size());
   require_size("external_wrench", input.external_wrench.size(), 6 * bodies, true);
+  if (input.external_wrench.size() > 0) require_size("external_wrench: a column", input.external_wrench.rows(), 6);
+  if (input.simulator && input.simulator->world_ptr() != world)
+    throw InvalidInput("impulse_guess", "is a simulator of another world");
   require_size("impulse_guess", input.impulse_guess.size(), 3 * static_cast<Index>(points.size()), true);
   require_size("actuated", static_cast<Index>(input.actuated.size()), nv, true);
   require_finite("v", input.v);
@@ -150,6 +162,8 @@ void InverseDynamics::Impl::set_guess(const Input& input) {
   if (input.simulator &&
       !assembler.copy_impulses(input.simulator->assembler().sets(), input.simulator->impulse(), guess))
     throw InvalidInput("impulse_guess", "is a simulator whose last step had other contacts than this configuration");
+  // The same forces, for another time.
+  if (input.simulator) guess *= settings.time_step / input.simulator->settings().time_step;
 }
 
 /// What velocities are judged against: the fastest constraint, or a fall of one step.
@@ -198,7 +212,22 @@ void InverseDynamics::Impl::add_up(bool with_impulses) {
 }
 
 const InverseDynamicsResult& InverseDynamics::solve(const Input& input) {
-  Impl& s = *impl_;
+  try {
+    return impl_->solve(input);
+  } catch (...) {
+    impl_->forget();  // sets without impulses must not be looked at
+    throw;
+  }
+}
+
+void InverseDynamics::Impl::forget() {
+  assembler.clear();
+  solution.impulse.resize(0);
+  solution.residual = 0.0;
+}
+
+const InverseDynamicsResult& InverseDynamics::Impl::solve(const Input& input) {
+  Impl& s = *this;
   s.check(input);
   const double dt = s.settings.time_step;
   s.u = input.v_next;

@@ -256,6 +256,10 @@ void Simulator::Impl::keep_impulses() {
 }
 
 void Simulator::warm_start(const std::vector<Assembler::Set>& sets, const ConstVectorRef& impulse) {
+  const Index rows = sets.empty() ? 0 : sets.back().start + sets.back().rows;
+  if (impulse.size() != rows)
+    throw InvalidInput("impulse",
+                       "has " + std::to_string(impulse.size()) + " values, must have " + std::to_string(rows));
   impl_->start_sets = sets;
   impl_->start_impulse = impulse;
 }

@@ -152,7 +152,7 @@ void check_input(const ConstVectorRef& velocity, const ConstVectorRef& complianc
                                     std::to_string(sets.size()) + ", the rows of the constraints");
     require_finite(field, x);
   };
-  check_size("velocity", velocity);
+  check_size("contact_velocity", velocity);
   check_size("compliance", compliance);
   if (guess) check_size("guess", *guess);
   require(speed >= 0.0 && speed <= kOverflow, "speed", speed, "in [0, 1e100] m/s");

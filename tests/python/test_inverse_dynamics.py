@@ -1,6 +1,8 @@
 """Inverse dynamics of a step: closed forms, Pinocchio, and back through the Simulator."""
 
+import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -1220,3 +1222,69 @@ def test_huge_numbers_are_refused_or_answered(size, closest):
         except InvalidInputError:
             continue
         assert result.status != "solved" or np.isfinite(result.force).all()
+
+
+def test_after_a_refused_call_nothing_is_left():
+    world = box_world()
+    stepped_there = Simulator(world, time_step=DT)
+    stepped_there.step()
+    away = world.initial_q
+    away[0] += 1.0
+    inverse = InverseDynamics(world, dt=DT)
+    with pytest.raises(InvalidInputError, match="other contacts"):
+        inverse((away, np.zeros(6)), np.zeros(6), stepped_there)
+    assert inverse._core.contacts() == []
+    assert inverse._core.worst() == ""
+    other = Simulator(world, time_step=DT)
+    other.state.q = away
+    inverse.warm_start(other)
+    other.step()
+    assert other.report.status == "solved"
+
+
+def test_a_guess_from_another_time_step_is_the_same_force():
+    world = box_world()
+    coarse = Simulator(world, time_step=10.0 * DT)
+    coarse.step()
+    at_rest = (world.initial_q, np.zeros(6))
+    for guess in (coarse, coarse.contacts):
+        result = inverse_dynamics(world, at_rest, np.zeros(6), DT, guess)
+        assert result.force == pytest.approx(np.zeros(6), abs=1e-6)
+    with pytest.raises(InvalidInputError, match="simulator: has the time step"):
+        InverseDynamics(world, DT).warm_start(coarse)
+
+
+def test_many_threads_and_more_settings_than_are_kept():
+    world = box_world()
+    q, zero = world.initial_q, np.zeros(6)
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(8) as pool:
+            work = [pool.submit(inverse_dynamics, world, (q, zero), zero, DT * (1 + k % 12)) for k in range(2000)]
+            assert all(one.result().solved for one in work)
+    finally:
+        sys.setswitchinterval(interval)
+
+
+@pytest.mark.parametrize("driven", [True, False])
+def test_closest_under_the_ccp_lifts_what_slides(driven):
+    world = box_world()
+    slides = np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    result = inverse_dynamics(
+        world, (world.initial_q, slides), slides, DT, law="ccp", closest=True, actuated=np.full(6, driven)
+    )
+    assert result.solved, result
+    for contact in result.contacts:
+        assert contact.velocity[2] >= MU * np.hypot(*contact.velocity[:2]) - 1e-7
+    if driven:  # no farther than sliding slower and lifting, without turning
+        share = 0.3 / (1.0 + MU**2)
+        simulator = Simulator(world)
+        away, lifts = result.v_next - slides, np.array([share - 0.3, 0.0, MU * share, 0.0, 0.0, 0.0])
+        assert away @ simulator.mass_matrix @ away <= (1.0 + 1e-6) * lifts @ simulator.mass_matrix @ lifts
+
+
+def test_an_external_wrench_that_is_not_finite_names_its_body():
+    world = box_world()
+    with pytest.raises(InvalidInputError, match=r"external_wrench\['box'\].*nan"):
+        inverse_dynamics(world, (world.initial_q, np.zeros(6)), np.zeros(6), DT, external_wrench={"box": [np.nan] * 6})
