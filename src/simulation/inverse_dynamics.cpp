@@ -103,13 +103,15 @@ void InverseDynamics::set_configuration(const ConstVectorRef& q, const std::vect
   require_size("q", q.size(), s.world->num_q());
   require_finite("q", q);
   const auto num_geometries = static_cast<int>(s.world->geometries().size());
-  for (const ContactPoint& point : points) {
-    for (const int g : {point.geometry_a, point.geometry_b})
-      require(g >= 0 && g < num_geometries, "points: geometry", g, "one of the world's");
-    require_finite("points: position", point.position);
-    require_finite("points: normal", point.normal);
-    require(std::abs(point.distance) <= 1e100, "points: distance", point.distance, "within +-1e100 m");
-    require(point.patch_size >= 1, "points: patch_size", point.patch_size, "at least 1");
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const ContactPoint& point = points[i];
+    const bool known = std::min(point.geometry_a, point.geometry_b) >= 0 &&
+                       std::max(point.geometry_a, point.geometry_b) < num_geometries;
+    const bool finite = point.position.allFinite() && point.normal.allFinite() && std::isfinite(point.distance);
+    if (known && finite && point.patch_size >= 1) continue;
+    throw InvalidInput("points[" + std::to_string(i) + "]", !known   ? "is of a geometry that the world does not have"
+                                                            : finite ? "has a patch_size below 1"
+                                                                     : "is not finite");
   }
   s.q = q;
   if (!s.world->normalize(s.q)) throw InvalidInput("q", "has a quaternion of length 0");
