@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from signorini import _arrays, _core
 from signorini._core import InvalidInputError
-from signorini._problem import Constraint, _constraint_sets
+from signorini._problem import Constraint, _sets_of
 from signorini._solve import LawName, _choice
 
 
@@ -117,20 +117,6 @@ def _checked(
     constraints: Iterable[Constraint] | None,
 ) -> tuple[_arrays.Array, _arrays.Array, _core.ConstraintSets]:
     c = _arrays.vector("contact_velocity", contact_velocity)
-    if (friction is None) == (constraints is None):
-        given = "neither" if friction is None else "both"
-        raise InvalidInputError(f"friction: {given} of friction and constraints given, must be exactly one")
-    if constraints is not None:
-        if isinstance(constraints, (str, bytes)) or not isinstance(constraints, Iterable):
-            raise InvalidInputError(f"constraints: is {constraints!r}, must be a sequence of constraints")
-        sets = _constraint_sets(tuple(constraints))
-        if sets.size != c.size:
-            raise InvalidInputError(f"constraints: have {sets.size} rows, must have {c.size}")
-    else:
-        if c.size % 3 != 0:
-            raise InvalidInputError(f"contact_velocity: has {c.size} entries, must have 3 for each contact")
-        if isinstance(friction, (int, float)) or getattr(friction, "shape", None) == ():
-            friction = np.full(c.size // 3, _arrays.number("friction", np.asarray(friction).item()))
-        sets = _core.ConstraintSets.friction_cones(_arrays.vector("friction", friction, c.size // 3))
+    sets, _, _ = _sets_of("contact_velocity", c.size, friction, constraints)
     r = np.zeros(c.size) if compliance is None else _arrays.vector("compliance", compliance, c.size)
     return c, r, sets

@@ -158,8 +158,6 @@ class InverseDynamics:
             given.external_wrench = _wrenches(world, external_wrench)
         simulator = None
         if isinstance(impulse_guess, Simulator):
-            if impulse_guess.world is not world:
-                raise InvalidInputError("impulse_guess: is a Simulator of another world")
             if impulse_guess._core.report.steps == 0:
                 raise InvalidInputError("impulse_guess: is a Simulator that has made no step")
             simulator = impulse_guess._core
@@ -308,7 +306,10 @@ def _wrenches(world: World, given: Mapping[str, ArrayLike]) -> Array:
         values = _arrays.vector(f"external_wrench[{body!r}]", wrench, 6)
         if not (np.abs(values) <= 1e100).all():
             raise InvalidInputError(f"external_wrench[{body!r}]: is {values.tolist()}, must be within +-1e100")
-        all_of_them[:, world.body_index(body)] = values
+        index = world.body_index(body)
+        if index == 0:
+            raise InvalidInputError(f"external_wrench[{body!r}]: is on the world, must be on what can move")
+        all_of_them[:, index] = values
     return all_of_them
 
 

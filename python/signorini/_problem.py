@@ -70,6 +70,29 @@ def _constraint_sets(constraints: Sequence[Constraint]) -> _core.ConstraintSets:
     return _core.ConstraintSets(types, first, second)
 
 
+def _sets_of(
+    field: str, n: int, friction: Any, constraints: Any
+) -> tuple[_core.ConstraintSets, _arrays.Array, tuple[Constraint, ...] | None]:
+    """Core sets of the n rows of `field`, friction of the contacts, and the constraints where those were given."""
+    if (friction is None) == (constraints is None):
+        given = "neither" if friction is None else "both"
+        raise InvalidInputError(f"friction: {given} of friction and constraints given, must be exactly one")
+    if constraints is None:
+        if n % 3 != 0:
+            raise InvalidInputError(f"{field}: has {n} rows, must have 3 for each contact")
+        if isinstance(friction, (int, float)) or getattr(friction, "shape", None) == ():
+            friction = np.full(n // 3, _arrays.number("friction", np.asarray(friction).item()))
+        mu = _arrays.vector("friction", friction, n // 3)
+        return _core.ConstraintSets.friction_cones(mu), mu, None
+    if isinstance(constraints, (str, bytes)) or not isinstance(constraints, Iterable):
+        raise InvalidInputError(f"constraints: is {constraints!r}, must be a sequence of constraints")
+    listed = tuple(constraints)
+    sets = _constraint_sets(listed)
+    if sets.size != n:
+        raise InvalidInputError(f"constraints: have {sets.size} rows, must have {n}")
+    return sets, np.array([c.friction for c in listed if isinstance(c, FrictionCone)], dtype=np.float64), listed
+
+
 class ContactProblem:
     """Find the impulse x with x in K and -(s + Gamma(s)) in the normal cone of K at x, s = (G + R) x + g.
 
@@ -152,25 +175,7 @@ class ContactProblem:
     ) -> None:
         n = operator.size
         g = _arrays.vector("free_velocity", free_velocity, n)
-        if (friction is None) == (constraints is None):
-            given = "neither" if friction is None else "both"
-            raise InvalidInputError(f"friction: {given} of friction and constraints given, must be exactly one")
-        if constraints is None:
-            if n % 3 != 0:
-                raise InvalidInputError(f"delassus: has {n} rows, must have 3 for each contact")
-            if isinstance(friction, (int, float)) or getattr(friction, "shape", None) == ():
-                friction = np.full(n // 3, _arrays.number("friction", np.asarray(friction).item()))
-            mu = _arrays.vector("friction", friction, n // 3)
-            self._constraints: tuple[Constraint, ...] | None = None
-            sets = _core.ConstraintSets.friction_cones(mu)
-        else:
-            if isinstance(constraints, (str, bytes)) or not isinstance(constraints, Iterable):
-                raise InvalidInputError(f"constraints: is {constraints!r}, must be a sequence of constraints")
-            self._constraints = tuple(constraints)
-            sets = _constraint_sets(self._constraints)
-            if sets.size != n:
-                raise InvalidInputError(f"constraints: have {sets.size} rows, must have {n}")
-            mu = np.array([c.friction for c in self._constraints if isinstance(c, FrictionCone)], dtype=np.float64)
+        sets, mu, self._constraints = _sets_of("delassus", n, friction, constraints)
         r = np.zeros(n) if compliance is None else _arrays.vector("compliance", compliance, n)
         self._core = _core.ContactProblem(operator, g, sets, r)
         if check:

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <utility>
 
 #include "signorini/delassus/dense.hpp"
 #include "signorini/problem/de_saxce.hpp"
@@ -54,6 +55,19 @@ Status solve_next_to(Vector& impulse, const Matrix& delassus, const Vector& g, c
   return least <= allowed ? Status::Solved : Status::MaxIterations;
 }
 
+/// A piece of (S15): impulse = fixed + spread y, and rows over (change, impulse) whose values lie in the duals of
+/// `sets`.
+struct Piece {
+  struct Row {
+    Vector motion, impulse;  // times the change, times the impulse
+    double constant;
+  };
+  Vector fixed;
+  std::vector<std::pair<Index, Vector>> spread;  // columns: first row, values
+  std::vector<Row> rows;
+  ConstraintSets sets;
+};
+
 /// (S13): candidates, and downhill from them.
 class Search {
  public:
@@ -69,7 +83,8 @@ class Search {
   Candidate joints_as_asked() const;
   Candidate torques_as_asked() const;
   Status project_on_allowed(Vector& change) const;
-  Candidate convex(const Candidate& from, bool stick) const;
+  Piece piece_of(const Candidate& from, bool stick) const;
+  Candidate least_change(const Piece& piece) const;
   Vector unactuated_change(const Vector& change, const Vector& impulse) const;
   bool obeys(const Candidate& candidate) const;
   double energy(const Candidate& candidate) const { return candidate.change.dot(p_.mass * candidate.change); }
@@ -150,8 +165,7 @@ Search::Candidate Search::joints_as_asked() const {
   found.status = project_on_allowed(found.change);
   found.impulse = p_.guess;
   if (!p_.unactuated.empty()) {
-    Vector impulse = Vector::Zero(p_.guess.size());
-    found.change(p_.unactuated) = unactuated_change(found.change, impulse);
+    found.change(p_.unactuated) = unactuated_change(found.change, Vector::Zero(p_.guess.size()));
     if (!rows_.empty()) {
       const Matrix j = p_.jacobian(rows_, p_.unactuated);
       const Matrix delassus = j * unactuated_mass_.solve(j.transpose());
@@ -166,34 +180,23 @@ Search::Candidate Search::joints_as_asked() const {
   return found;
 }
 
-/// With the contact modes of a candidate held, the least change is a convex problem in motion and impulses (S15).
-/// stick: all contacts that push stick. NCP only.
-Search::Candidate Search::convex(const Candidate& from, bool stick) const {
+/// The piece with the contact modes of a candidate; stick: all contacts that push stick. NCP only.
+Piece Search::piece_of(const Candidate& from, bool stick) const {
   const Index nv = p_.mass.rows(), n = p_.sets.size();
   const Vector sigma = p_.velocity + p_.compliance.cwiseProduct(from.impulse) + p_.jacobian * from.change;
-  // impulse = fixed + basis y; rows of (change, y) that are 0, not negative, or in a cone.
-  Vector fixed = Vector::Zero(n);
-  std::vector<std::pair<Index, Vector>> basis;  // first row, values
-  struct Row {
-    Vector motion;   // times change
-    Vector impulse;  // times the impulse
-    double constant;
-  };
-  std::vector<Row> rows;
-  ConstraintSets sets;
-  const auto motion_row = [&](const Vector& along, Index at, Index size, double soft_row) {
-    // along^T (c + J change) + R of the last row times its impulse
-    Row row{Vector(p_.jacobian.middleRows(at, size).transpose() * along), Vector::Zero(n),
-            along.dot(p_.velocity.segment(at, size))};
-    if (soft_row != 0.0) row.impulse[at + size - 1] = soft_row;
-    rows.push_back(row);
+  Piece piece;
+  piece.fixed = Vector::Zero(n);
+  ConstraintSets& sets = piece.sets;
+  // along^T (c + J change) + soft times the set's last impulse
+  const auto motion_row = [&](const Vector& along, Index at, Index size, double soft) {
+    piece.rows.push_back({p_.jacobian.middleRows(at, size).transpose() * along, Vector::Zero(n),
+                          along.dot(p_.velocity.segment(at, size))});
+    piece.rows.back().impulse[at + size - 1] = soft;
   };
   const auto impulse_row = [&](Index at, double sign, double constant) {
-    Row row{Vector::Zero(nv), Vector::Zero(n), constant};
-    row.impulse[at] = sign;
-    rows.push_back(row);
+    piece.rows.push_back({Vector::Zero(nv), sign * Vector::Unit(n, at), constant});
   };
-  const auto free_impulse = [&](Index at, const Vector& values) { basis.emplace_back(at, values); };
+  const auto free_impulse = [&](Index at, const Vector& values) { piece.spread.emplace_back(at, values); };
   const Vector one = Vector::Ones(1);
   for (Index i = 0; i < p_.sets.num_sets(); ++i) {
     const ConstraintSet& set = p_.sets[i];
@@ -265,7 +268,7 @@ Search::Candidate Search::convex(const Candidate& from, bool stick) const {
             sets.add_half_line();
           }
         } else {
-          fixed[at] = x[0];
+          piece.fixed[at] = x[0];
           motion_row(x[0] <= set.lower ? one : Vector(-one), at, 1, 0.0);
           sets.add_half_line();
         }
@@ -273,31 +276,38 @@ Search::Candidate Search::convex(const Candidate& from, bool stick) const {
       }
     }
   }
+  return piece;
+}
+
+/// The convex problem on a piece; its dual is a contact problem with the CCP's law.
+Search::Candidate Search::least_change(const Piece& piece) const {
+  const Index nv = p_.mass.rows(), n = p_.sets.size();
   const auto num_unactuated = static_cast<Index>(p_.unactuated.size());
-  const Index m = static_cast<Index>(basis.size()), total = static_cast<Index>(rows.size()) + num_unactuated;
-  Matrix spread = Matrix::Zero(n, m);  // impulse = fixed + spread y
-  Vector start(m);                     // y of the guess
+  const auto m = static_cast<Index>(piece.spread.size());
+  const Index total = static_cast<Index>(piece.rows.size()) + num_unactuated;
+  Matrix spread = Matrix::Zero(n, m);
+  Vector start(m);  // y of the guess
   for (Index k = 0; k < m; ++k) {
-    const auto& [at, values] = basis[static_cast<std::size_t>(k)];
+    const auto& [at, values] = piece.spread[static_cast<std::size_t>(k)];
     spread.col(k).segment(at, values.size()) = values;
     start[k] = values.dot(p_.guess.segment(at, values.size())) / values.squaredNorm();
   }
   Matrix b = Matrix::Zero(total, nv + m);
   Vector g(total);
-  for (std::size_t k = 0; k < rows.size(); ++k) {
+  for (std::size_t k = 0; k < piece.rows.size(); ++k) {
     const auto at = static_cast<Index>(k);
-    b.row(at).head(nv) = rows[k].motion.transpose();
-    b.row(at).tail(m) = rows[k].impulse.transpose() * spread;
-    g[at] = rows[k].constant + rows[k].impulse.dot(fixed);
+    b.row(at).head(nv) = piece.rows[k].motion.transpose();
+    b.row(at).tail(m) = piece.rows[k].impulse.transpose() * spread;
+    g[at] = piece.rows[k].constant + piece.rows[k].impulse.dot(piece.fixed);
   }
   // U^T M change - J_u^T impulse + missing = 0
   const Matrix j = p_.jacobian(Eigen::all, p_.unactuated);
   b.bottomLeftCorner(num_unactuated, nv) = p_.mass(p_.unactuated, Eigen::all);
   b.bottomRightCorner(num_unactuated, m) = -j.transpose() * spread;
-  g.tail(num_unactuated) = p_.missing - j.transpose() * fixed;
+  g.tail(num_unactuated) = p_.missing - j.transpose() * piece.fixed;
+  ConstraintSets sets = piece.sets;
   sets.add_equality(num_unactuated);
 
-  // Its dual is a contact problem with the CCP's law.
   const double weight = kImpulseShare * mean_diagonal(p_.jacobian * mass_.solve(p_.jacobian.transpose()));
   Matrix back(nv + m, total);
   back.topRows(nv) = mass_.solve(b.leftCols(nv).transpose());
@@ -310,7 +320,7 @@ Search::Candidate Search::convex(const Candidate& from, bool stick) const {
   if (dual.status != Status::Solved) return found;
   const Vector x = back * dual.impulse;
   found.change = x.head(nv);
-  found.impulse = fixed + spread * (start + x.tail(m));
+  found.impulse = piece.fixed + spread * (start + x.tail(m));
   p_.sets.project(found.impulse, found.impulse);
   found.change(p_.unactuated) = unactuated_change(found.change, found.impulse);
   for (Index i = 0; i < p_.sets.num_sets(); ++i)
@@ -360,7 +370,7 @@ ClosestMotion Search::run() {
       if (best.status != Status::Solved || energy(start) < energy(best)) best = start;
       Candidate now = start;
       for (int k = 0; k < kConvexSteps; ++k) {
-        const Candidate next = convex(now, k == 0);
+        const Candidate next = least_change(piece_of(now, k == 0));
         const bool gains = next.status == Status::Solved && energy(next) < (1.0 - kLeastGain) * energy(now);
         if (gains) now = next;
         if (k > 0 && !gains) break;

@@ -54,6 +54,7 @@ struct InverseDynamics::Impl {
   void find_closest(const Input& input);
   bool misses_limit() const;
   Status move_to_closest(const Input& input);
+  Status move_or_say_why(const Input& input);
 
   std::shared_ptr<const World> world;
   SimulatorSettings settings;
@@ -65,7 +66,8 @@ struct InverseDynamics::Impl {
   Assembler assembler;
   std::vector<Wrench> wrenches;  // of the constraints, by frame
 
-  Vector q, u;  // u: the velocity wanted, in the frames of the step
+  Vector q, u;         // u: the velocity wanted, in the frames of the step
+  Vector detected_at;  // where `points` were found, as given; empty: they were given too
   Vector acceleration, other, implicit, joint_force;
   GrowVector compliance, guess;  // of all rows
   double speed = 0.0;
@@ -113,6 +115,7 @@ void InverseDynamics::set_configuration(const ConstVectorRef& q, const std::vect
                                                             : finite ? "has a patch_size below 1"
                                                                      : "is not finite");
   }
+  s.detected_at.resize(0);
   s.q = q;
   if (!s.world->normalize(s.q)) throw InvalidInput("q", "has a quaternion of length 0");
   s.dynamics.update_placements(s.q);
@@ -122,9 +125,14 @@ void InverseDynamics::set_configuration(const ConstVectorRef& q, const std::vect
 
 void InverseDynamics::set_configuration(const ConstVectorRef& q) {
   Impl& s = *impl_;
+  if (s.detected_at.size() > 0 && s.detected_at.size() == q.size() && s.detected_at == q) {
+    s.forget();
+    return;
+  }
   set_configuration(q, {});
   s.detector.reset();  // what it found before must not show
   s.points = s.detector.detect(s.dynamics.frames());
+  s.detected_at = q;
 }
 
 void InverseDynamics::Impl::check(const Input& input) const {
@@ -229,32 +237,30 @@ void InverseDynamics::Impl::forget() {
 }
 
 const InverseDynamicsResult& InverseDynamics::Impl::solve(const Input& input) {
-  Impl& s = *this;
-  s.check(input);
-  const double dt = s.settings.time_step;
-  s.u = input.v_next;
-  if (!turn_back(*s.world, dt, s.u))
-    throw InvalidInput("v_next", "turns a free body by more than about 1 rad in one step");
-  s.dynamics.update_velocities(input.v);
-  s.other.setZero();
-  s.implicit.setZero();
-  s.forces.add(s.dynamics, s.q, input.v, input.control.size() > 0 ? &input.control : nullptr,
-               input.external_wrench.size() > 0 ? &input.external_wrench : nullptr, dt, s.other, s.implicit);
-  s.result.v_next = input.v_next;
-  s.settled.clear();
-  s.start(input, nullptr);
+  check(input);
+  const double dt = settings.time_step;
+  u = input.v_next;
+  if (!turn_back(*world, dt, u)) throw InvalidInput("v_next", "turns a free body by more than about 1 rad in one step");
+  dynamics.update_velocities(input.v);
+  other.setZero();
+  implicit.setZero();
+  forces.add(dynamics, q, input.v, input.control.size() > 0 ? &input.control : nullptr,
+             input.external_wrench.size() > 0 ? &input.external_wrench : nullptr, dt, other, implicit);
+  result.v_next = input.v_next;
+  settled.clear();
+  start(input, nullptr);
   if (input.closest)
-    s.find_closest(input);
+    find_closest(input);
   else
-    s.find_impulses_and_bounces(input);
-  s.acceleration = (s.u - input.v) / dt;
-  s.add_up(true);
-  s.result.status = s.solution.status;
-  s.result.residual = s.solution.residual;
-  s.result.relative = s.solution.relative;
-  s.result.iterations = s.solution.iterations;
-  s.result.contact_impulse = s.solution.impulse.head(3 * static_cast<Index>(s.points.size()));
-  return s.result;
+    find_impulses_and_bounces(input);
+  acceleration = (u - input.v) / dt;
+  add_up(true);
+  result.status = solution.status;
+  result.residual = solution.residual;
+  result.relative = solution.relative;
+  result.iterations = solution.iterations;
+  result.contact_impulse = solution.impulse.head(3 * static_cast<Index>(points.size()));
+  return result;
 }
 
 void InverseDynamics::Impl::find_impulses_and_bounces(const Input& input) {
@@ -322,15 +328,15 @@ bool InverseDynamics::Impl::change_inconsistent_bounces(const Input& input) {
 void InverseDynamics::Impl::find_closest(const Input& input) {
   const Vector wanted = u;
   Vector reach = u;
-  for (int round = 0;; ++round) {
-    const Status status = move_to_closest(input);
+  for (int round = 0; round < kRounds; ++round) {
+    const Status status = move_or_say_why(input);
     find_impulses();
     if (solution.status == Status::Solved) solution.status = status;
     if (solution.status == Status::Solved && !(solution.relative <= inverse.tolerance))
       solution.status = Status::MaxIterations;
     const bool missed = misses_limit(), changed = change_inconsistent_bounces(input);
     if (!missed && !changed) break;
-    if (round == kRounds) {
+    if (round + 1 == kRounds) {
       solution.status = Status::MaxIterations;
       break;
     }
@@ -344,6 +350,15 @@ void InverseDynamics::Impl::find_closest(const Input& input) {
   Vector moved = q;
   result.v_next = u;
   advance(*world, settings.time_step, moved, result.v_next);
+}
+
+/// Numbers that are each allowed may overflow where they meet.
+Status InverseDynamics::Impl::move_or_say_why(const Input& input) {
+  try {
+    return move_to_closest(input);
+  } catch (const InvalidInput& error) {
+    throw InvalidInput("v, v_next", std::string("are too large to find the closest motion (") + error.what() + ")");
+  }
 }
 
 /// The same sets, bounces as they are now.

@@ -1177,8 +1177,10 @@ def test_inverse_dynamics_refuses(tip, changes, message):
 
 
 def test_guesses_of_another_world_or_configuration_are_refused(tip):
+    other = Simulator(finger(), time_step=DT)
+    other.step()
     with pytest.raises(InvalidInputError, match="impulse_guess.*another world"):
-        inverse_dynamics(tip, (tip.initial_q, np.zeros(2)), np.zeros(2), DT, Simulator(finger()))
+        inverse_dynamics(tip, (tip.initial_q, np.zeros(2)), np.zeros(2), DT, other)
     builder = WorldBuilder()
     builder.add_ground()
     for i in range(2):
@@ -1288,3 +1290,13 @@ def test_an_external_wrench_that_is_not_finite_names_its_body():
     world = box_world()
     with pytest.raises(InvalidInputError, match=r"external_wrench\['box'\].*nan"):
         inverse_dynamics(world, (world.initial_q, np.zeros(6)), np.zeros(6), DT, external_wrench={"box": [np.nan] * 6})
+
+
+def test_a_wrench_on_the_world_and_numbers_that_overflow_are_refused():
+    world = box_world()
+    at_rest = (world.initial_q, np.zeros(6))
+    with pytest.raises(InvalidInputError, match=r"external_wrench\['world'\].*can move"):
+        inverse_dynamics(world, at_rest, np.zeros(6), DT, external_wrench={"world": np.ones(6)})
+    with pytest.raises(InvalidInputError, match=r"v, v_next: are too large"):
+        world = floating()
+        inverse_dynamics(world, (world.initial_q, np.full(world.num_v, 1e90)), np.zeros(world.num_v), DT, closest=True)

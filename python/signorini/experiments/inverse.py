@@ -96,7 +96,7 @@ def slide(stiffness: float, num_samples: int) -> dict[str, Any]:
         guess[:, 2] = PRESS * TIME_STEP
         results = {law: one((q, v), v_next, guess) for law, one in inverse.items()}
         ncp = results["ncp"]
-        simulator._core.reset()
+        simulator.reset()
         simulator.state.q, simulator.state.v = q, v
         simulator.applied_force = ncp.force
         simulator.step()
