@@ -3,7 +3,10 @@
 
 #include <boost/test/unit_test.hpp>
 #include <limits>
+#include <string>
+#include <vector>
 
+#include "signorini/errors.hpp"
 #include "worlds.hpp"
 
 using namespace signorini;
