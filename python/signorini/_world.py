@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from signorini import _simulator
 from signorini._core import InvalidInputError
+from signorini._visual import Color, MeshFile, TriangleMesh, Visual
 
 Array = NDArray[np.float64]
 WORLD = "world"
@@ -217,7 +218,7 @@ class WorldBuilder:
         self._body_index: dict[str, int] = {WORLD: 0}
         self._joint_index: dict[str, int] = {}
         self._warnings: list[str] = []
-        self._visuals: dict[int, Any] = {}
+        self._visuals: list[Visual] = []
 
     def body_index(self, name: str, field: str = "body") -> int:
         if name not in self._body_index:
@@ -274,12 +275,11 @@ class WorldBuilder:
         name: str = "",
         group: int = 1,
         mask: int = 1,
-        visual: Any = None,
     ) -> int:
         """Adds something that collides, at a place in its body; returns its index.
 
         Two geometries may touch if (group_a & mask_b) | (group_b & mask_a), they are not on a body (or bodies fixed to
-        each other), not on parent and child, and not excluded. `visual` is kept for viewers.
+        each other), not on parent and child, and not excluded.
         """
         field = f"geometry {name!r}" if name else f"geometry of body {body!r}"
         geometry = _simulator.Geometry()
@@ -289,10 +289,24 @@ class WorldBuilder:
         geometry.placement = _placement(position, orientation, field)
         geometry.material = _core_material(material or Material())
         geometry.group, geometry.mask = int(group), int(mask)
-        index = int(self._core.add_geometry(geometry))
-        if visual is not None:
-            self._visuals[index] = visual
-        return index
+        return int(self._core.add_geometry(geometry))
+
+    def add_visual(
+        self,
+        body: str,
+        shape: Shape | MeshFile | TriangleMesh,
+        *,
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        orientation: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        color: Color | None = None,
+    ) -> None:
+        """Adds something to look at, without physics; a body without any is drawn as it collides.
+
+        color: red, green, blue, opacity in [0, 1]; None: the mesh's own, or as the viewer likes.
+        """
+        self.body_index(body, "visual.body")
+        placed = _vector(position, 3, "visual.position"), _rotation(orientation, "visual.orientation")
+        self._visuals.append(Visual(body, shape, *placed, color))
 
     def add_file(self, path: str | os.PathLike[str], **options: Any) -> Any:
         """Adds a robot file: signorini.load.add_file, where the options are."""
@@ -461,7 +475,7 @@ class WorldBuilder:
     def build(self) -> World:
         """The world as it stands; the builder can go on. Raises InvalidInputError, e.g. for something without mass that
         moves."""
-        return World(self._core.build(), tuple(self._warnings), dict(self._visuals))
+        return World(self._core.build(), tuple(self._warnings), tuple(self._visuals))
 
 
 class World:
@@ -470,12 +484,13 @@ class World:
     bodies, joints, geometries, constraints, actuators: tuples of what it consists of, as the C++ core describes it
     (joints in the order of their values in q and v, each with q_index, num_q, v_index, num_v).
     warnings: what was in the robot's file and is not carried over.
+    visuals: what bodies look like; a body without any looks as it collides.
     """
 
-    def __init__(self, core: Any, warnings: tuple[str, ...] = (), visuals: dict[int, Any] | None = None) -> None:
+    def __init__(self, core: Any, warnings: tuple[str, ...] = (), visuals: tuple[Visual, ...] = ()) -> None:
         self._core = core
         self.warnings = warnings
-        self.visuals = visuals or {}
+        self.visuals = visuals
 
     num_q = property(lambda self: int(self._core.num_q), doc="Values of a configuration.")
     num_v = property(lambda self: int(self._core.num_v), doc="Values of a velocity.")

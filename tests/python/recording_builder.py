@@ -25,7 +25,8 @@ class Body:
 class RecordingBuilder:
     def __init__(self, gravity=(0.0, 0.0, -9.81)):
         self.gravity = gravity
-        self.bodies, self.geometries, self.calls, self.warnings = {}, [], [], []
+        self.bodies, self.geometries, self.visuals = {}, [], []
+        self.calls, self.warnings = [], []
 
     def add_body(
         self, name, *, parent="world", position=(0, 0, 0), orientation=(0, 0, 0, 1), joints=(), mass=0.0,
@@ -39,6 +40,9 @@ class RecordingBuilder:
             name, parent, rotation, np.array(position), list(joints), mass, np.array(center), inertia
         )
         return name
+
+    def add_visual(self, body, shape, **rest):
+        self.visuals.append((body, shape, rest))
 
     def add_geometry(self, body, shape, **rest):
         assert body == "world" or body in self.bodies

@@ -24,13 +24,13 @@ import numpy.typing as npt
 
 from signorini._core import InvalidInputError
 from signorini.load import _xml, mesh
-from signorini.load._options import Added, MeshFile, Options
+from signorini.load._options import Added, Options
 from signorini.load._placement import Placement, from_quaternion
 
 if TYPE_CHECKING:
     from signorini._world import Material, World, WorldBuilder
 
-__all__ = ["Added", "MeshFile", "add_file", "exclude_overlapping_pairs", "file_format", "load"]
+__all__ = ["Added", "add_file", "exclude_overlapping_pairs", "file_format", "load"]
 
 Format = Literal["urdf", "mjcf"]
 PathLike = str | os.PathLike[str]

@@ -47,14 +47,6 @@ class Added:
     body_of_geometry: dict[int, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class MeshFile:
-    """The mesh that a hull was made of, for viewers. scale: (x, y, z), of the file's own coordinates."""
-
-    path: Path
-    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
-
-
 class Warnings:
     """Collects what is not carried over, one line a reason with the elements it concerns."""
 

@@ -147,6 +147,8 @@ class _Adder:
             self._add_body(body)
         for geom in self._colliding():
             self._add_geometry(geom)
+        for geom in range(self._model.ngeom):
+            self._add_visual(geom)
         for signature in self._model.exclude_signature:
             self._builder.exclude(self._body(int(signature) >> 16), self._body(int(signature) & 0xFFFF))
         if self._options.motors:
@@ -270,6 +272,45 @@ class _Adder:
         )
         self._added.geometries.append(index)
         self._added.body_of_geometry[index] = self._body(body)
+
+    def _add_visual(self, geom: int) -> None:
+        """What MuJoCo's own viewer shows at first: groups 0 to 2."""
+        from signorini._visual import TriangleMesh
+
+        model, mj = self._model, self._mujoco
+        color = tuple(float(x) for x in self._color(geom))
+        if model.geom_group[geom] > 2 or color[3] == 0.0:
+            return
+        shape: Shape | TriangleMesh | None
+        if model.geom_type[geom] in (mj.mjtGeom.mjGEOM_MESH, mj.mjtGeom.mjGEOM_SDF):
+            number = int(model.geom_dataid[geom])
+            first, count = int(model.mesh_vertadr[number]), int(model.mesh_vertnum[number])
+            face, faces = int(model.mesh_faceadr[number]), int(model.mesh_facenum[number])
+            vertices = np.asarray(model.mesh_vert[first : first + count], dtype=np.float64)
+            shape = TriangleMesh(vertices, np.asarray(model.mesh_face[face : face + faces], dtype=np.int32))
+        elif model.geom_type[geom] == mj.mjtGeom.mjGEOM_HFIELD:
+            return
+        else:
+            shape = self._shape(geom)
+        if shape is None:
+            return
+        body = int(model.geom_bodyid[geom])
+        placement = self._placed(body, model.geom_pos[geom], model.geom_quat[geom])
+        self._builder.add_visual(
+            self._body(body),
+            shape,
+            position=placement.position,
+            orientation=placement.rotation,
+            color=(color[0], color[1], color[2], color[3]),
+        )
+
+    def _color(self, geom: int) -> Array:
+        """The geom's own, unless it has the default and a material."""
+        model = self._model
+        own, material = model.geom_rgba[geom], int(model.geom_matid[geom])
+        if material >= 0 and np.allclose(own, (0.5, 0.5, 0.5, 1.0)):
+            return np.asarray(model.mat_rgba[material], dtype=np.float64)
+        return np.asarray(own, dtype=np.float64)
 
     def _material(self, geom: int) -> Material:
         from signorini._world import Material

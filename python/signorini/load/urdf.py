@@ -13,10 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from signorini._core import InvalidInputError
+from signorini._visual import Color, MeshFile
 from signorini.load import _inertia, _xml, mesh
 from signorini.load._files import FileFinder
 from signorini.load._inertia import Inertia
-from signorini.load._options import Added, MeshFile, Options, Warnings
+from signorini.load._options import Added, Options, Warnings
 from signorini.load._placement import Placement, basis, from_roll_pitch_yaw, identity
 from signorini.load._xml import Element
 
@@ -91,6 +92,7 @@ class Robot:
     file: Path
     links: list[Link]
     warnings: Warnings
+    materials: list[Element] = field(default_factory=list)
 
     @property
     def gravity(self) -> None:
@@ -148,7 +150,7 @@ def read(path: Path) -> Robot:
         root.fail("has no <link>")
     ordered = _tree(root, links, joints)
     _check_mimics(joints)
-    return Robot(root.attributes.get("name", path.stem), path, ordered, warnings)
+    return Robot(root.attributes.get("name", path.stem), path, ordered, warnings, root.all("material"))
 
 
 # Reading
@@ -326,6 +328,8 @@ class _Adder:
                 self._add_body(link, inertias[link.name])
             for number, collision in enumerate(link.collisions):
                 self._add_collision(link, collision, number)
+            for element in link.element.all("visual"):
+                self._add_visual(link, element)
         self._add_couplings()
         if self._options.motors:
             self._add_motors()
@@ -446,10 +450,8 @@ class _Adder:
         return {name: _inertia.rounded(inertia) for name, inertia in result.items()}
 
     def _add_collision(self, link: Link, collision: Collision, number: int) -> None:
-        body, placement = self._name(link.name), collision.placement
-        if self._world_root and link is self._robot.root:
-            body, placement = WORLD, self._options.placement @ placement
-        shape, visual = self._shape(collision)
+        body, placement = self._place(link, collision.placement)
+        shape = self._shape(collision)
         name = collision.name or (link.name if len(link.collisions) == 1 else f"{link.name}_{number}")
         if name in self._geometry_names:  # many files call all their collisions the same
             name = f"{link.name}_{number}"
@@ -463,13 +465,47 @@ class _Adder:
                 orientation=placement.rotation,
                 material=self._options.material_of(link.name),
                 name=self._name(name),
-                visual=visual,
             ),
         )
         self._added.geometries.append(index)
         self._added.body_of_geometry[index] = body
 
-    def _shape(self, collision: Collision) -> tuple[Shape, MeshFile | None]:
+    def _place(self, link: Link, placement: Placement) -> tuple[str, Placement]:
+        """A place in a link as a body and a place in it."""
+        if self._world_root and link is self._robot.root:
+            return WORLD, self._options.placement @ placement
+        return self._name(link.name), placement
+
+    def _add_visual(self, link: Link, element: Element) -> None:
+        """What cannot be drawn is left out: looks must not keep a robot from being simulated."""
+        try:
+            collision = _collision(element)
+            body, placement = self._place(link, collision.placement)
+            color, shape = self._color(element), self._visual_shape(collision)
+        except InvalidInputError as error:
+            self._warnings.add("visuals that cannot be drawn", f"{link.name} ({str(error).splitlines()[0]})")
+            return
+        self._builder.add_visual(body, shape, position=placement.position, orientation=placement.rotation, color=color)
+
+    def _visual_shape(self, collision: Collision) -> Shape | MeshFile:
+        element = collision.geometry
+        if element.tag != "mesh":
+            return self._shape(collision)
+        x, y, z = element.vector("scale", 3, (1.0, 1.0, 1.0), MAX_POSITION)
+        return MeshFile(self._finder.find(element, element.string("filename")), (float(x), float(y), float(z)))
+
+    def _color(self, visual: Element) -> Color | None:
+        material = visual.find("material")
+        if material is not None and material.find("color") is None:
+            name = material.attributes.get("name", "")
+            material = next((m for m in self._robot.materials if m.attributes.get("name") == name), None)
+        color = None if material is None else material.find("color")
+        if color is None:
+            return None
+        r, g, b, a = np.clip(color.vector("rgba", 4, (0.5, 0.5, 0.5, 1.0), 1e6), 0.0, 1.0)
+        return float(r), float(g), float(b), float(a)
+
+    def _shape(self, collision: Collision) -> Shape:
         from signorini import _world
 
         element = collision.geometry
@@ -481,22 +517,22 @@ class _Adder:
             return value
 
         if element.tag == "sphere":
-            return _world.Sphere(length("radius")), None
+            return _world.Sphere(length("radius"))
         if element.tag == "cylinder":
-            return _world.Cylinder(length("radius"), 0.5 * length("length")), None
+            return _world.Cylinder(length("radius"), 0.5 * length("length"))
         if element.tag == "capsule":
-            return _world.Capsule(length("radius"), 0.5 * length("length")), None
+            return _world.Capsule(length("radius"), 0.5 * length("length"))
         if element.tag == "box":
             size = element.vector("size", 3, None, MAX_POSITION)
             if (size <= 0.0).any():
                 element.fail(f'size is "{element.string("size")}", must be positive')
-            return _world.Box((0.5 * size[0], 0.5 * size[1], 0.5 * size[2])), None
+            return _world.Box((0.5 * size[0], 0.5 * size[1], 0.5 * size[2]))
         path = self._finder.find(element, element.string("filename"))
         scale = element.vector("scale", 3, (1.0, 1.0, 1.0), MAX_POSITION)
         if (scale == 0.0).any():
             element.fail(f'scale is "{element.string("scale")}", must not be 0')
         hull = self._hull(element, path, scale)
-        return _world.Convex(hull.vertices, hull.triangles), MeshFile(path, (scale[0], scale[1], scale[2]))
+        return _world.Convex(hull.vertices, hull.triangles)
 
     def _hull(self, element: Element, path: Path, scale: Array) -> mesh.Hull:
         key = (path, tuple(scale.tolist()))
