@@ -63,10 +63,13 @@ void bind_model(nb::module_& m) {
       .value("connect", ConstraintType::Connect)
       .value("weld", ConstraintType::Weld)
       .value("coupling", ConstraintType::Coupling);
-  nb::enum_<ActuatorType>(m, "ActuatorType")
-      .value("motor", ActuatorType::Motor)
-      .value("position", ActuatorType::Position)
-      .value("velocity", ActuatorType::Velocity);
+  nb::enum_<Activation>(m, "Activation")
+      .value("none", Activation::None)
+      .value("integrator", Activation::Integrator)
+      .value("filter", Activation::Filter);
+  nb::enum_<FrictionMix>(m, "FrictionMix")
+      .value("geometric", FrictionMix::Geometric)
+      .value("maximum", FrictionMix::Maximum);
   nb::class_<Placement>(m, "Placement")
       .def(nb::init<>())
       .def_rw("rotation", &Placement::rotation)
@@ -77,6 +80,9 @@ void bind_model(nb::module_& m) {
       .def_rw("restitution", &Material::restitution)
       .def_rw("stiffness", &Material::stiffness)
       .def_rw("damping", &Material::damping)
+      .def_rw("friction_mix", &Material::friction_mix)
+      .def_rw("frictionless", &Material::frictionless)
+      .def_rw("priority", &Material::priority)
       .def("validate", [](const Material& self, const std::string& field) { self.validate(field.c_str()); });
   m.def("mix", &mix);
   nb::class_<Shape>(m, "Shape")
@@ -118,6 +124,8 @@ void bind_model(nb::module_& m) {
       .def_rw("reference", &Joint::reference)
       .def_rw("lower", &Joint::lower)
       .def_rw("upper", &Joint::upper)
+      .def_rw("limit_stiffness", &Joint::limit_stiffness)
+      .def_rw("limit_damping", &Joint::limit_damping)
       .def_rw("armature", &Joint::armature)
       .def_rw("damping", &Joint::damping)
       .def_rw("friction", &Joint::friction)
@@ -136,6 +144,7 @@ void bind_model(nb::module_& m) {
       .def_rw("mass", &Body::mass)
       .def_rw("center", &Body::center)
       .def_rw("inertia", &Body::inertia)
+      .def_rw("gravity_compensation", &Body::gravity_compensation)
       .def_rw("joints", &Body::joints)
       .def_ro("frame", &Body::frame)
       .def_ro("in_frame", &Body::in_frame);
@@ -158,6 +167,8 @@ void bind_model(nb::module_& m) {
       .def_rw("placement_b", &EqualityConstraint::placement_b)
       .def_rw("joint_a", &EqualityConstraint::joint_a)
       .def_rw("joint_b", &EqualityConstraint::joint_b)
+      .def_rw("tendon_a", &EqualityConstraint::tendon_a)
+      .def_rw("tendon_b", &EqualityConstraint::tendon_b)
       .def_prop_rw(
           "coefficients",
           [](const EqualityConstraint& self) { return std::vector<double>(self.coefficients, self.coefficients + 5); },
@@ -167,16 +178,57 @@ void bind_model(nb::module_& m) {
       .def_rw("reference_a", &EqualityConstraint::reference_a)
       .def_rw("reference_b", &EqualityConstraint::reference_b)
       .def_rw("stiffness", &EqualityConstraint::stiffness)
-      .def_rw("damping", &EqualityConstraint::damping);
+      .def_rw("damping", &EqualityConstraint::damping)
+      .def_rw("turn_stiffness", &EqualityConstraint::turn_stiffness)
+      .def_rw("turn_damping", &EqualityConstraint::turn_damping);
+  nb::class_<Tendon>(m, "Tendon")
+      .def(nb::init<>())
+      .def_rw("name", &Tendon::name)
+      .def_prop_rw(
+          "terms",
+          [](const Tendon& self) {
+            std::vector<std::pair<int, double>> terms;
+            for (const Tendon::Term& term : self.terms) terms.emplace_back(term.joint, term.coefficient);
+            return terms;
+          },
+          [](Tendon& self, const std::vector<std::pair<int, double>>& terms) {
+            self.terms.clear();
+            for (const auto& [joint, coefficient] : terms) self.terms.push_back({joint, coefficient});
+          })
+      .def_rw("lower", &Tendon::lower)
+      .def_rw("upper", &Tendon::upper)
+      .def_rw("limit_stiffness", &Tendon::limit_stiffness)
+      .def_rw("limit_damping", &Tendon::limit_damping)
+      .def_rw("stiffness", &Tendon::stiffness)
+      .def_rw("spring_lower", &Tendon::spring_lower)
+      .def_rw("spring_upper", &Tendon::spring_upper)
+      .def_rw("damping", &Tendon::damping)
+      .def_rw("friction", &Tendon::friction);
+  nb::class_<ContactPair>(m, "ContactPair")
+      .def(nb::init<>())
+      .def_rw("geometry_a", &ContactPair::geometry_a)
+      .def_rw("geometry_b", &ContactPair::geometry_b)
+      .def_rw("material", &ContactPair::material);
   nb::class_<Actuator>(m, "Actuator")
       .def(nb::init<>())
       .def_rw("name", &Actuator::name)
-      .def_rw("type", &Actuator::type)
       .def_rw("joint", &Actuator::joint)
       .def_rw("component", &Actuator::component)
+      .def_rw("tendon", &Actuator::tendon)
+      .def_rw("body", &Actuator::body)
+      .def_rw("placement", &Actuator::placement)
+      .def_prop_rw(
+          "wrench", [](const Actuator& self) { return std::vector<double>(self.wrench, self.wrench + 6); },
+          [](Actuator& self, const std::vector<double>& x) {
+            for (std::size_t k = 0; k < 6; ++k) self.wrench[k] = k < x.size() ? x[k] : 0.0;
+          })
       .def_rw("gear", &Actuator::gear)
-      .def_rw("kp", &Actuator::kp)
-      .def_rw("kv", &Actuator::kv)
+      .def_rw("gain", &Actuator::gain)
+      .def_rw("bias", &Actuator::bias)
+      .def_rw("activation", &Actuator::activation)
+      .def_rw("time_constant", &Actuator::time_constant)
+      .def_rw("activation_lower", &Actuator::activation_lower)
+      .def_rw("activation_upper", &Actuator::activation_upper)
       .def_rw("control_lower", &Actuator::control_lower)
       .def_rw("control_upper", &Actuator::control_upper)
       .def_rw("force_lower", &Actuator::force_lower)
@@ -185,6 +237,8 @@ void bind_model(nb::module_& m) {
       .def(nb::init<const Vector3&>())
       .def("add_body", &WorldBuilder::add_body)
       .def("add_geometry", &WorldBuilder::add_geometry)
+      .def("add_tendon", &WorldBuilder::add_tendon)
+      .def("add_contact_pair", &WorldBuilder::add_contact_pair)
       .def("add_constraint", &WorldBuilder::add_constraint)
       .def("add_actuator", &WorldBuilder::add_actuator)
       .def("exclude_bodies", &WorldBuilder::exclude_bodies)
@@ -201,7 +255,16 @@ void bind_model(nb::module_& m) {
       .def_prop_ro("joints", &World::joints)
       .def_prop_ro("geometries", &World::geometries)
       .def_prop_ro("constraints", &World::constraints)
+      .def_prop_ro("tendons", &World::tendons)
       .def_prop_ro("actuators", &World::actuators)
+      .def_prop_ro("contact_pairs", &World::contact_pairs)
+      .def("tendon_lengths",
+           [](const World& self, const Vector& q) {
+             Vector lengths(static_cast<Index>(self.tendons().size()));
+             for (std::size_t t = 0; t < self.tendons().size(); ++t)
+               lengths[static_cast<Index>(t)] = tendon_length(self, self.tendons()[t], q);
+             return lengths;
+           })
       .def_prop_ro("excluded_pairs", &World::excluded_pairs)
       .def_prop_ro("gravity", &World::gravity)
       .def_prop_ro("initial_q", [](const World& self) { return Vector(self.initial_q()); })
@@ -291,6 +354,7 @@ void bind_simulation(nb::module_& m) {
       .def_prop_rw(
           "time", [](Simulator& self) { return self.time(); }, [](Simulator& self, double time) { self.time() = time; })
       .def_prop_ro("control", [](nb::handle self) { return view(nb::cast<Simulator&>(self).control(), self); })
+      .def_prop_ro("activation", [](nb::handle self) { return view(nb::cast<Simulator&>(self).activation(), self); })
       .def_prop_ro("applied_force",
                    [](nb::handle self) { return view(nb::cast<Simulator&>(self).applied_force(), self); })
       .def_prop_ro("external_wrench",

@@ -14,7 +14,7 @@ from signorini._core import InvalidInputError
 from signorini._problem import Constraint, ContactProblem, Equality, FrictionCone, HalfLine, Interval
 from signorini._solution import Residual
 from signorini._solve import LawName, SolverName
-from signorini._world import Array, World
+from signorini._world import WORLD, Array, World
 
 OnUnsolved = Literal["continue", "warn", "raise"]
 ContactModeName = Literal["open", "stick", "slide"]
@@ -166,11 +166,12 @@ class Energy:
 
 
 class State:
-    """Configuration, velocity and time of a simulator: `state.q` and `state.v` are views that can be written to."""
+    """Configuration, velocity and time of a simulator, and the activation of actuators that have one; q, v and
+    activation are views that can be written to."""
 
     def __init__(self, core: Any) -> None:
         self._core = core
-        self._q, self._v = core.q, core.v
+        self._q, self._v, self._activation = core.q, core.v, core.activation
 
     @property
     def q(self) -> Array:
@@ -189,6 +190,15 @@ class State:
     @v.setter
     def v(self, value: ArrayLike) -> None:
         _fill("v", self._v, value)
+
+    @property
+    def activation(self) -> Array:
+        """num_controls values; 0 of actuators that have none."""
+        return self._activation  # type: ignore[no-any-return]
+
+    @activation.setter
+    def activation(self, value: ArrayLike) -> None:
+        _fill("activation", self._activation, value)
 
     @property
     def time(self) -> float:
@@ -283,6 +293,8 @@ class Simulator:
 
     def set_external_wrench(self, body: str, force: ArrayLike = (0, 0, 0), moment: ArrayLike = (0, 0, 0)) -> None:
         """Force [N] at a body's origin and moment [N m], world axes, kept until set again."""
+        if body == WORLD:
+            raise InvalidInputError('body: is "world", which does not move')
         row = self._external_wrench[self.world.body_index(body)]
         _fill("force", row[:3], force)
         _fill("moment", row[3:], moment)

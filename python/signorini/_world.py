@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -27,13 +27,18 @@ class Material:
 
     friction: Coulomb's coefficient, >= 0. restitution: share of the approach speed that comes back, in [0, 1].
     stiffness: of a contact patch [N/m], shared by its points; infinite: rigid. damping: of the same patch [N s/m].
-    Two materials mix to: friction sqrt(mu_a mu_b), the larger restitution, springs in series.
+    Two materials mix to: friction sqrt(mu_a mu_b), or the larger where both have friction_mix "maximum"; the larger
+    restitution, springs in series. frictionless: no friction with what is frictionless too. priority: of two, the
+    material with the higher one counts alone.
     """
 
     friction: float = 0.8
     restitution: float = 0.0
     stiffness: float = math.inf
     damping: float = 0.0
+    friction_mix: Literal["geometric", "maximum"] = "geometric"
+    frictionless: bool = False
+    priority: int = 0
 
 
 @dataclass(frozen=True)
@@ -91,7 +96,8 @@ class Joint:
 
     Values (q, v): free 7, 6 (position, quaternion x y z w; linear and angular velocity in the body frame); ball 4, 3;
     revolute and prismatic 1, 1. `reference`: the value at which the body has its placement. Units follow the joint: rad
-    and N m, or m and N.
+    and N m, or m and N. lower, upper: limits; of a ball joint upper alone, the largest angle from where its body was
+    placed. limit_stiffness, limit_damping: of the limits; infinite: rigid.
     """
 
     name: str
@@ -101,6 +107,8 @@ class Joint:
     reference: float = 0.0
     lower: float = -math.inf
     upper: float = math.inf
+    limit_stiffness: float = math.inf
+    limit_damping: float = 0.0
     armature: float = 0.0
     damping: float = 0.0
     friction: float = 0.0
@@ -154,6 +162,10 @@ def _core_material(material: Material) -> Any:
     core = _simulator.Material()
     for key in ("friction", "restitution", "stiffness", "damping"):
         setattr(core, key, float(getattr(material, key)))
+    if material.friction_mix not in ("geometric", "maximum"):
+        raise InvalidInputError(f"friction_mix: is {material.friction_mix!r}, must be 'geometric' or 'maximum'")
+    core.friction_mix = getattr(_simulator.FrictionMix, material.friction_mix)
+    core.frictionless, core.priority = bool(material.frictionless), int(material.priority)
     return core
 
 
@@ -193,9 +205,17 @@ def _core_joint(joint: Joint) -> Any:
     core.type = getattr(_simulator.JointType, joint.type)
     core.axis = _vector(joint.axis, 3, f"{field}.axis")
     core.anchor = _vector(joint.anchor, 3, f"{field}.anchor")
-    for key in ("reference", "lower", "upper", "armature", "damping", "friction", "stiffness", "spring_reference"):
+    for key in _JOINT_NUMBERS:
         setattr(core, key, float(getattr(joint, key)))
     return core
+
+
+_JOINT_NUMBERS = (
+    *("reference", "lower", "upper", "limit_stiffness", "limit_damping"),
+    *("armature", "damping", "friction", "stiffness", "spring_reference"),
+)
+Range = tuple[float, float]
+_UNBOUNDED = (-math.inf, math.inf)
 
 
 class WorldBuilder:
@@ -219,6 +239,7 @@ class WorldBuilder:
         self._joint_index: dict[str, int] = {}
         self._warnings: list[str] = []
         self._visuals: list[Visual] = []
+        self._tendon_index: dict[str, int] = {}
 
     def body_index(self, name: str, field: str = "body") -> int:
         if name not in self._body_index:
@@ -229,6 +250,11 @@ class WorldBuilder:
         if name not in self._joint_index:
             raise suggest(field, name, self._joint_index)
         return self._joint_index[name]
+
+    def tendon_index(self, name: str, field: str = "tendon") -> int:
+        if name not in self._tendon_index:
+            raise suggest(field, name, self._tendon_index)
+        return self._tendon_index[name]
 
     def add_body(
         self,
@@ -241,11 +267,13 @@ class WorldBuilder:
         mass: float = 0.0,
         center: ArrayLike = (0.0, 0.0, 0.0),
         inertia: ArrayLike | None = None,
+        gravity_compensation: float = 0.0,
     ) -> str:
         """Adds a body and the joints (from the parent outwards; none: fixed) that it hangs on; returns its name.
 
         position [m], orientation: in the parent body, joints at reference. mass [kg], center: of mass, in the body
-        [m]; inertia: 3 x 3 about the centre of mass, axes of the body [kg m^2].
+        [m]; inertia: 3 x 3 about the centre of mass, axes of the body [kg m^2]. gravity_compensation: share of its
+        weight that something else carries.
         """
         field = f"body {name!r}"
         body = _simulator.Body()
@@ -258,6 +286,7 @@ class WorldBuilder:
         if matrix.shape != (3, 3):
             raise InvalidInputError(f"{field}.inertia: has shape {matrix.shape}, must be 3 x 3")
         body.inertia = matrix
+        body.gravity_compensation = float(gravity_compensation)
         body.joints = [_core_joint(joint) for joint in joints]
         self._body_index[name] = self._core.add_body(body)
         for joint in joints:
@@ -326,6 +355,41 @@ class WorldBuilder:
         """These two geometries, by index, never touch."""
         self._core.exclude_geometries(int(geometry_a), int(geometry_b))
 
+    def set_pair_material(self, geometry_a: int, geometry_b: int, material: Material) -> None:
+        """These two geometries, by index, may touch whatever else is said, with a material of their own."""
+        pair = _simulator.ContactPair()
+        pair.geometry_a, pair.geometry_b = int(geometry_a), int(geometry_b)
+        pair.material = _core_material(material)
+        self._core.add_contact_pair(pair)
+
+    def add_tendon(
+        self,
+        name: str,
+        joints: Mapping[str, float],
+        *,
+        lower: float = -math.inf,
+        upper: float = math.inf,
+        limit_stiffness: float = math.inf,
+        limit_damping: float = 0.0,
+        stiffness: float = 0.0,
+        spring_range: Range = (0.0, 0.0),
+        damping: float = 0.0,
+        friction: float = 0.0,
+    ) -> None:
+        """A string over pulleys on joints: its length is a sum of joint values, each times its coefficient.
+
+        It resists as a joint does: limits, a spring that is slack within spring_range, viscous and dry friction; and
+        actuators and couplings act on it. Units are force times length per length, as the coefficients make them.
+        """
+        tendon = _simulator.Tendon()
+        tendon.name = name
+        tendon.terms = [(self.joint_index(joint, f"tendon {name!r}"), float(c)) for joint, c in joints.items()]
+        tendon.lower, tendon.upper = float(lower), float(upper)
+        tendon.limit_stiffness, tendon.limit_damping = float(limit_stiffness), float(limit_damping)
+        tendon.stiffness, tendon.damping, tendon.friction = float(stiffness), float(damping), float(friction)
+        tendon.spring_lower, tendon.spring_upper = (float(x) for x in spring_range)
+        self._tendon_index[name] = self._core.add_tendon(tendon)
+
     def _constraint(self, kind: str, name: str, stiffness: float, damping: float) -> Any:
         constraint = _simulator.EqualityConstraint()
         constraint.type = getattr(_simulator.ConstraintType, kind)
@@ -362,12 +426,20 @@ class WorldBuilder:
         name: str = "",
         stiffness: float = math.inf,
         damping: float = 0.0,
+        turn_stiffness: float | None = None,
+        turn_damping: float | None = None,
     ) -> None:
-        """Two frames, one in each body, stay the same; stiffness [N/m, N m/rad] and damping act on all six rows."""
+        """Two frames, one in each body, stay the same: rigid, or a spring with damper in each of the six rows.
+
+        stiffness [N/m], damping [N s/m] of places; turn_stiffness [N m/rad], turn_damping [N m s/rad] of rotations,
+        None: the same numbers.
+        """
         constraint = self._constraint("weld", name, stiffness, damping)
         constraint.body_a, constraint.body_b = self.body_index(body_a, "body_a"), self.body_index(body_b, "body_b")
         constraint.placement_a = _placement(position_a, orientation_a, "frame a")
         constraint.placement_b = _placement(position_b, orientation_b, "frame b")
+        constraint.turn_stiffness = float(stiffness if turn_stiffness is None else turn_stiffness)
+        constraint.turn_damping = float(damping if turn_damping is None else turn_damping)
         self._core.add_constraint(constraint)
 
     def add_coupling(
@@ -384,37 +456,71 @@ class WorldBuilder:
     ) -> None:
         """q_joint - reference = polynomial(q_driver - driver_reference), at most quartic, constant first.
 
-        Without a driver q_joint is held at reference + coefficients[0]. A URDF mimic joint is one of these.
+        Without a driver q_joint is held at reference + coefficients[0]. A URDF mimic joint is one of these. Either may
+        be a tendon, unless a joint is called the same; then q is its length.
         """
         if not 1 <= len(coefficients) <= 5:
             raise InvalidInputError(f"coefficients: has {len(coefficients)} values, must have 1 to 5")
         constraint = self._constraint("coupling", name, stiffness, damping)
-        constraint.joint_b = self.joint_index(joint)
-        constraint.joint_a = -1 if driver is None else self.joint_index(driver, "driver")
+        for side, value in (("b", joint), ("a", driver)):
+            if value is None:
+                continue
+            if value in self._tendon_index and value not in self._joint_index:
+                setattr(constraint, f"tendon_{side}", self._tendon_index[value])
+            else:
+                setattr(constraint, f"joint_{side}", self.joint_index(value, "joint" if side == "b" else "driver"))
         constraint.coefficients = [float(c) for c in coefficients]
         constraint.reference_a, constraint.reference_b = float(driver_reference), float(reference)
         self._core.add_constraint(constraint)
 
-    def _actuator(
+    def add_actuator(
         self,
-        kind: str,
         name: str,
-        joint: str,
-        component: int,
-        gear: float,
-        control_range: tuple[float, float],
-        force_range: tuple[float, float],
-        kp: float = 0.0,
-        kv: float = 0.0,
+        joint: str | None = None,
+        *,
+        component: int = 0,
+        tendon: str | None = None,
+        body: str | None = None,
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        orientation: ArrayLike = (0.0, 0.0, 0.0, 1.0),
+        wrench: ArrayLike = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        gear: float = 1.0,
+        gain: ArrayLike = (1.0, 0.0, 0.0),
+        bias: ArrayLike = (0.0, 0.0, 0.0),
+        activation: Literal["none", "integrator", "filter"] = "none",
+        time_constant: float = 0.0,
+        control_range: Range = _UNBOUNDED,
+        activation_range: Range = _UNBOUNDED,
+        force_range: Range = _UNBOUNDED,
     ) -> None:
+        """Any affine drive: force = gear effort, effort = gain . (1, l, l') input + bias . (1, l, l').
+
+        It acts on one velocity (`component`) of a joint, on a tendon, or on a body: there it pushes at `position`,
+        `orientation` with the wrench (force [N], moment [N m]) effort times `wrench`. l is gear times the joint's value
+        or the tendon's length, l' its rate (bodies, ball and free joints: l = 0). What resists l and l' is implicit:
+        stable at any gain. input: the control; with activation "integrator" its integral over time, with "filter"
+        d input / dt = (control - input) / time_constant [s]; then it is a part of the state (Simulator.state).
+        Controls, activation and effort are clipped to their ranges.
+        """
+        field = f"actuator {name!r}"
         actuator = _simulator.Actuator()
-        actuator.name = name
-        actuator.type = getattr(_simulator.ActuatorType, kind)
-        actuator.joint = self.joint_index(joint, f"actuator {name!r}.joint")
-        actuator.component, actuator.gear = int(component), float(gear)
-        actuator.kp, actuator.kv = float(kp), float(kv)
-        actuator.control_lower, actuator.control_upper = (float(x) for x in control_range)
-        actuator.force_lower, actuator.force_upper = (float(x) for x in force_range)
+        actuator.name, actuator.gear = name, float(gear)
+        if joint is not None:
+            actuator.joint, actuator.component = self.joint_index(joint, f"{field}.joint"), int(component)
+        if tendon is not None:
+            actuator.tendon = self.tendon_index(tendon, f"{field}.tendon")
+        if body is not None:
+            actuator.body = self.body_index(body, f"{field}.body")
+            actuator.placement = _placement(position, orientation, field)
+            actuator.wrench = _vector(wrench, 6, f"{field}.wrench").tolist()
+        actuator.gain, actuator.bias = _vector(gain, 3, f"{field}.gain"), _vector(bias, 3, f"{field}.bias")
+        if activation not in ("none", "integrator", "filter"):
+            raise InvalidInputError(f"{field}.activation: is {activation!r}, must be none, integrator or filter")
+        actuator.activation = getattr(_simulator.Activation, activation)
+        actuator.time_constant = float(time_constant)
+        for key, values in (("control", control_range), ("activation", activation_range), ("force", force_range)):
+            setattr(actuator, f"{key}_lower", float(values[0]))
+            setattr(actuator, f"{key}_upper", float(values[1]))
         self._core.add_actuator(actuator)
 
     def add_motor(
@@ -424,11 +530,13 @@ class WorldBuilder:
         *,
         component: int = 0,
         gear: float = 1.0,
-        control_range: tuple[float, float] = (-math.inf, math.inf),
-        force_range: tuple[float, float] = (-math.inf, math.inf),
+        control_range: Range = _UNBOUNDED,
+        force_range: Range = _UNBOUNDED,
     ) -> None:
         """force = gear * control [N m, N], on one velocity of a joint; force_range bounds it before the gear."""
-        self._actuator("motor", name, joint, component, gear, control_range, force_range)
+        self.add_actuator(
+            name, joint, component=component, gear=gear, control_range=control_range, force_range=force_range
+        )
 
     def add_position_actuator(
         self,
@@ -438,11 +546,17 @@ class WorldBuilder:
         kp: float,
         kv: float = 0.0,
         gear: float = 1.0,
-        control_range: tuple[float, float] = (-math.inf, math.inf),
-        force_range: tuple[float, float] = (-math.inf, math.inf),
+        control_range: Range = _UNBOUNDED,
+        force_range: Range = _UNBOUNDED,
     ) -> None:
         """force = gear * (kp (control - gear q) - kv gear v), implicit in q and v: stable at any gain."""
-        self._actuator("position", name, joint, 0, gear, control_range, force_range, kp, kv)
+        for key, value in (("kp", kp), ("kv", kv)):
+            if not 0.0 <= value <= 1e12:
+                raise InvalidInputError(f"actuator {name!r}.{key}: is {value}, must be in [0, 1e12]")
+        gain, bias = (kp, 0.0, 0.0), (0.0, -kp, -kv)
+        self.add_actuator(
+            name, joint, gear=gear, gain=gain, bias=bias, control_range=control_range, force_range=force_range
+        )
 
     def add_velocity_actuator(
         self,
@@ -452,11 +566,22 @@ class WorldBuilder:
         kv: float,
         component: int = 0,
         gear: float = 1.0,
-        control_range: tuple[float, float] = (-math.inf, math.inf),
-        force_range: tuple[float, float] = (-math.inf, math.inf),
+        control_range: Range = _UNBOUNDED,
+        force_range: Range = _UNBOUNDED,
     ) -> None:
         """force = gear * kv (control - gear v), implicit in v."""
-        self._actuator("velocity", name, joint, component, gear, control_range, force_range, 0.0, kv)
+        if not 0.0 <= kv <= 1e12:
+            raise InvalidInputError(f"actuator {name!r}.kv: is {kv}, must be in [0, 1e12]")
+        self.add_actuator(
+            name,
+            joint,
+            component=component,
+            gear=gear,
+            gain=(kv, 0.0, 0.0),
+            bias=(0.0, 0.0, -kv),
+            control_range=control_range,
+            force_range=force_range,
+        )
 
     def add_pinocchio(self, model: Any, prefix: str = "") -> None:
         """Adds the joints and bodies of a Pinocchio model: a `pin.Model`, or the text that its saveToString() gives.
@@ -511,6 +636,14 @@ class World:
     @cached_property
     def constraints(self) -> tuple[Any, ...]:
         return tuple(self._core.constraints)
+
+    @cached_property
+    def tendons(self) -> tuple[Any, ...]:
+        return tuple(self._core.tendons)
+
+    def tendon_lengths(self, q: ArrayLike | None = None) -> Array:
+        """(tendons,) at q (default: initial_q)."""
+        return np.array(self._core.tendon_lengths(self.initial_q if q is None else _vector(q, self.num_q, "q")))
 
     @cached_property
     def actuators(self) -> tuple[Any, ...]:

@@ -49,6 +49,12 @@ Assembler::Assembler(std::shared_ptr<const World> world, const CorrectionSetting
       for (Index k = 0; k < joint.num_v(); ++k)
         friction_velocities_.emplace_back(static_cast<int>(joint.v_index + k), joint.friction);
   }
+  for (std::size_t t = 0; t < world_->tendons().size(); ++t) {
+    const Tendon& tendon = world_->tendons()[t];
+    if (tendon.lower > -kInfinity || tendon.upper < kInfinity) limited_tendons_.push_back(static_cast<int>(t));
+    if (tendon.friction > 0.0)
+      friction_velocities_.emplace_back(static_cast<int>(world_->num_v()) + static_cast<int>(t), tendon.friction);
+  }
 }
 
 Assembler::Set& Assembler::new_set(SetSource source, int index, int row, int rows) {
@@ -161,13 +167,27 @@ void Assembler::whiten(Set& set) {
   }
 }
 
+/// The velocity of a set += factor u[v].
+void Assembler::add_term(Set& set, Index v, double factor) {
+  if (set.num_terms == 0) set.first_term = static_cast<int>(terms_.size());
+  terms_.push_back({static_cast<int>(v), factor});
+  ++set.num_terms;
+}
+
+void Assembler::add_tendon_terms(Set& set, int tendon, double factor) {
+  for (const Tendon::Term& term : world_->tendons()[static_cast<std::size_t>(tendon)].terms)
+    add_term(set, world_->joints()[static_cast<std::size_t>(term.joint)].v_index, factor * term.coefficient);
+}
+
 /// Rows of a set that has none yet.
 void Assembler::build_rows(Set& set) {
   if (set.built) return;
   set.built = true;
-  if (set.v_b >= 0) {
-    add_velocity(set, set.v_b, set.v_a >= 0 ? 1.0 : set.slope);
-    if (set.v_a >= 0) add_velocity(set, set.v_a, -set.slope);
+  if (set.num_terms > 0) {
+    for (int k = 0; k < set.num_terms; ++k) {
+      const Term& term = terms_[static_cast<std::size_t>(set.first_term + k)];
+      add_velocity(set, term.v, term.factor);
+    }
   } else if (set.row < 3) {
     add_point(*dynamics_, set, set.frame_a, set.point_a, -1.0);
     add_point(*dynamics_, set, set.frame_b, set.point_b, 1.0);
@@ -197,13 +217,11 @@ void Assembler::set_spring(Set& set, double gap, double stiffness, double dampin
 }
 
 void Assembler::add_contacts(const std::vector<ContactPoint>& contacts) {
-  const std::vector<Geometry>& geometries = world_->geometries();
   for (std::size_t i = 0; i < contacts.size(); ++i) {
     const ContactPoint& contact = contacts[i];
     Set& set = new_set(SetSource::Contact, static_cast<int>(i), 0, 3);
     set.frame = contact_frame(contact.normal);
-    set.material = mix(geometries[static_cast<std::size_t>(contact.geometry_a)].material,
-                       geometries[static_cast<std::size_t>(contact.geometry_b)].material);
+    set.material = world_->material(contact.geometry_a, contact.geometry_b);
     all_sets_.add_friction_cone(set.material.friction);
     set.frame_a = geometry_frame_[static_cast<std::size_t>(contact.geometry_a)];
     set.frame_b = geometry_frame_[static_cast<std::size_t>(contact.geometry_b)];
@@ -214,32 +232,70 @@ void Assembler::add_contacts(const std::vector<ContactPoint>& contacts) {
   }
 }
 
+/// A limit within reach; its terms are the caller's.
+void Assembler::add_limit(SetSource source, int index, double gap, double stiffness, double damping) {
+  Set& set = new_set(source, index, 0, 1);
+  set_spring(set, gap, stiffness, damping, true);
+  all_sets_.add_half_line();
+}
+
 void Assembler::add_limits(const ConstVectorRef& q, const ConstVectorRef& v, const ConstVectorRef& free_v,
                            const ConstVectorRef& reach) {
+  // Rows only where the limit is within reach: twice the way of a step, and a little.
+  const auto way = [this](double speed) { return 2.0 * settings_.time_step * speed + 2e-3; };
   for (const int j : limited_joints_) {
     const Joint& joint = world_->joints()[static_cast<std::size_t>(j)];
-    // Rows only where the limit is within reach: twice the way of a step, and a little.
     const Index k = joint.v_index;
-    const double fastest = std::max({std::abs(v[k]), std::abs(free_v[k]), std::abs(reach[k])});
-    const double way = 2.0 * settings_.time_step * fastest + 2e-3;
-    const double below = q[joint.q_index] - joint.lower, above = joint.upper - q[joint.q_index];
+    if (joint.type == JointType::Ball) {
+      const Eigen::Quaterniond turn(Eigen::Vector4d(q.segment<4>(joint.q_index)));
+      const Vector3 angle = rotation_vector(turn.toRotationMatrix());
+      const double fastest =
+          std::max({v.segment<3>(k).norm(), free_v.segment<3>(k).norm(), reach.segment<3>(k).norm()});
+      const double gap = joint.upper - angle.norm();
+      if (!(gap <= way(fastest)) || angle.isZero(1e-9)) continue;
+      add_limit(SetSource::UpperLimit, j, gap, joint.limit_stiffness, joint.limit_damping);
+      const Vector3 axis = angle.normalized();
+      for (int i = 0; i < 3; ++i) add_term(sets_.back(), k + i, -axis[i]);
+      continue;
+    }
+    const double reached = way(std::max({std::abs(v[k]), std::abs(free_v[k]), std::abs(reach[k])}));
     for (const bool lower : {true, false}) {
-      const double gap = lower ? below : above;
-      if (!(gap <= way)) continue;
-      Set& set = new_set(lower ? SetSource::LowerLimit : SetSource::UpperLimit, j, 0, 1);
-      set.v_b = static_cast<int>(joint.v_index);
-      set.slope = lower ? 1.0 : -1.0;
-      set.correction = rigid_correction(gap);
-      all_sets_.add_half_line();
+      const double gap = lower ? q[joint.q_index] - joint.lower : joint.upper - q[joint.q_index];
+      if (!(gap <= reached)) continue;
+      add_limit(lower ? SetSource::LowerLimit : SetSource::UpperLimit, j, gap, joint.limit_stiffness,
+                joint.limit_damping);
+      add_term(sets_.back(), k, lower ? 1.0 : -1.0);
+    }
+  }
+  for (const int t : limited_tendons_) {
+    const Tendon& tendon = world_->tendons()[static_cast<std::size_t>(t)];
+    const auto rate = [&](const ConstVectorRef& u) {
+      double sum = 0.0;
+      for (const Tendon::Term& term : tendon.terms)
+        sum += term.coefficient * u[world_->joints()[static_cast<std::size_t>(term.joint)].v_index];
+      return std::abs(sum);
+    };
+    const double reached = way(std::max({rate(v), rate(free_v), rate(reach)}));
+    const double length = tendon_length(*world_, tendon, q);
+    for (const bool lower : {true, false}) {
+      const double gap = lower ? length - tendon.lower : tendon.upper - length;
+      if (!(gap <= reached)) continue;
+      add_limit(lower ? SetSource::LowerLimit : SetSource::UpperLimit, static_cast<int>(world_->joints().size()) + t,
+                gap, tendon.limit_stiffness, tendon.limit_damping);
+      add_tendon_terms(sets_.back(), t, lower ? 1.0 : -1.0);
     }
   }
 }
 
 void Assembler::add_joint_friction() {
+  const auto num_v = static_cast<int>(world_->num_v());
   for (const auto& [velocity, force] : friction_velocities_) {
-    if (velocity >= nv_articulated_) continue;
+    if (velocity >= nv_articulated_ && velocity < num_v) continue;  // of a free body: there is none
     Set& set = new_set(SetSource::JointFriction, velocity, 0, 1);
-    set.v_b = velocity;
+    if (velocity < num_v)
+      add_term(set, velocity, 1.0);
+    else
+      add_tendon_terms(set, velocity - num_v, 1.0);
     all_sets_.add_interval(-settings_.time_step * force, settings_.time_step * force);
   }
 }
@@ -249,20 +305,27 @@ void Assembler::add_equalities(const Dynamics& dynamics, const ConstVectorRef& q
     const EqualityConstraint& c = world_->constraints()[i];
     const int index = static_cast<int>(i);
     if (c.type == ConstraintType::Coupling) {
-      const Joint& b = world_->joints()[static_cast<std::size_t>(c.joint_b)];
+      const auto value = [&](int joint, int tendon) {
+        return tendon >= 0 ? tendon_length(*world_, world_->tendons()[static_cast<std::size_t>(tendon)], q)
+                           : q[world_->joints()[static_cast<std::size_t>(joint)].q_index];
+      };
+      const bool driven = c.joint_a >= 0 || c.tendon_a >= 0;
       double target = c.coefficients[0], slope = 0.0;
-      if (c.joint_a >= 0) {
-        const double x = q[world_->joints()[static_cast<std::size_t>(c.joint_a)].q_index] - c.reference_a;
+      if (driven) {
+        const double x = value(c.joint_a, c.tendon_a) - c.reference_a;
         target = c.coefficients[4];
         for (int k = 3; k >= 0; --k) slope = slope * x + target, target = target * x + c.coefficients[k];
       }
       Set& set = new_set(SetSource::Equality, index, 0, 1);
-      set.v_b = static_cast<int>(b.v_index);
-      if (c.joint_a >= 0) {
-        set.v_a = static_cast<int>(world_->joints()[static_cast<std::size_t>(c.joint_a)].v_index);
-        set.slope = slope;
-      }
-      set_spring(set, q[b.q_index] - c.reference_b - target, c.stiffness, c.damping, false);
+      const auto add = [&](int joint, int tendon, double factor) {
+        if (tendon >= 0)
+          add_tendon_terms(set, tendon, factor);
+        else
+          add_term(set, world_->joints()[static_cast<std::size_t>(joint)].v_index, factor);
+      };
+      add(c.joint_b, c.tendon_b, 1.0);
+      if (driven) add(c.joint_a, c.tendon_a, -slope);
+      set_spring(set, value(c.joint_b, c.tendon_b) - c.reference_b - target, c.stiffness, c.damping, false);
       all_sets_.add_equality();
       continue;
     }
@@ -282,7 +345,10 @@ void Assembler::add_equalities(const Dynamics& dynamics, const ConstVectorRef& q
       set.frame.setIdentity();
       set.frame_a = a.frame, set.frame_b = b.frame;
       set.point_a = on_a.translation, set.point_b = on_b.translation;
-      set_spring(set, row < 3 ? gap[row] : turn[row - 3], c.stiffness, c.damping, false);
+      if (row < 3)
+        set_spring(set, gap[row], c.stiffness, c.damping, false);
+      else
+        set_spring(set, turn[row - 3], c.turn_stiffness, c.turn_damping, false);
       all_sets_.add_equality();
     }
   }
@@ -290,8 +356,12 @@ void Assembler::add_equalities(const Dynamics& dynamics, const ConstVectorRef& q
 
 void Assembler::set_velocity(const Set& set, const ConstVectorRef& u, const std::vector<Twist>& twists,
                              double* velocity) const {
-  if (set.v_b >= 0) {
-    *velocity = set.v_a >= 0 ? u[set.v_b] - set.slope * u[set.v_a] : set.slope * u[set.v_b];
+  if (set.num_terms > 0) {
+    *velocity = 0.0;
+    for (int k = 0; k < set.num_terms; ++k) {
+      const Term& term = terms_[static_cast<std::size_t>(set.first_term + k)];
+      *velocity += term.factor * u[term.v];
+    }
     return;
   }
   const Twist &a = twists[static_cast<std::size_t>(set.frame_a)], &b = twists[static_cast<std::size_t>(set.frame_b)];
@@ -345,11 +415,11 @@ void Assembler::add_forces(const ConstVectorRef& impulse, double factor, std::ve
                            VectorRef force) const {
   for (const Set& set : sets_) {
     const double* x = impulse.data() + set.start;
-    if (set.v_b >= 0) {
-      force[set.v_b] += factor * (set.v_a >= 0 ? *x : set.slope * *x);
-      if (set.v_a >= 0) force[set.v_a] -= factor * set.slope * *x;
-      continue;
+    for (int k = 0; k < set.num_terms; ++k) {
+      const Term& term = terms_[static_cast<std::size_t>(set.first_term + k)];
+      force[term.v] += factor * term.factor * *x;
     }
+    if (set.num_terms > 0) continue;
     Wrench &a = wrenches[static_cast<std::size_t>(set.frame_a)], &b = wrenches[static_cast<std::size_t>(set.frame_b)];
     const Vector3 f = set.rows == 3 ? Vector3(factor * (set.frame * Eigen::Map<const Vector3>(x)))
                                     : Vector3(factor * *x * set.frame.col(set.row % 3));
@@ -542,6 +612,7 @@ void Assembler::multiply_articulated(const std::vector<int>& selection) {
 
 void Assembler::clear() {
   sets_.clear();
+  terms_.clear();
   selection_.clear();
   all_sets_.clear();
   rows_ = num_slots_ = 0;
@@ -553,18 +624,20 @@ void Assembler::assemble(const Dynamics& dynamics, const ConstVectorRef& q, cons
     nv_articulated_ = dynamics.num_articulated();
     words_ = static_cast<int>((nv_articulated_ + 63) / 64);
     const int num_frames = world_->num_frames() - dynamics.num_free_bodies();
+    chain_masks_.assign(static_cast<std::size_t>(nv_articulated_ * words_), 0);
+    for (Index k = 0; k < nv_articulated_; ++k)
+      for (int d = static_cast<int>(k); d >= 0; d = dynamics.factor_parent()[static_cast<std::size_t>(d)])
+        chain_masks_[static_cast<std::size_t>(k * words_ + d / 64)] |= std::uint64_t{1} << (d % 64);
     support_masks_.assign(static_cast<std::size_t>(num_frames * words_ + 1), 0);
     for (int frame = 1; frame < num_frames; ++frame)
       for (const int k : dynamics.support(frame))
-        support_masks_[static_cast<std::size_t>(frame * words_ + k / 64)] |= std::uint64_t{1} << (k % 64);
-    chain_masks_.assign(static_cast<std::size_t>(nv_articulated_ * words_), 0);
-    for (Index k = 0; k < nv_articulated_; ++k)
-      for (int d = static_cast<int>(k); d >= 0; d = dynamics.parent_dof()[static_cast<std::size_t>(d)])
-        chain_masks_[static_cast<std::size_t>(k * words_ + d / 64)] |= std::uint64_t{1} << (d % 64);
+        for (int w = 0; w < words_; ++w)
+          support_masks_[static_cast<std::size_t>(frame * words_ + w)] |=
+              chain_masks_[static_cast<std::size_t>(k * words_ + w)];
     sets_of_free_.resize(static_cast<std::size_t>(dynamics.num_free_bodies()));
   }
   clear();
-  sets_.reserve(contacts.size() + 2 * limited_joints_.size() + friction_velocities_.size() +
+  sets_.reserve(contacts.size() + 2 * (limited_joints_.size() + limited_tendons_.size()) + friction_velocities_.size() +
                 6 * world_->constraints().size());
   dynamics_ = &dynamics;
   free_v_ = free_v;

@@ -53,6 +53,13 @@ Eigen::Quaterniond quaternion(const ConstVectorRef& q, Index at) { return {q[at 
 
 }  // namespace
 
+double tendon_length(const World& world, const Tendon& tendon, const ConstVectorRef& q) {
+  double length = 0.0;
+  for (const Tendon::Term& term : tendon.terms)
+    length += term.coefficient * q[world.joints()[static_cast<std::size_t>(term.joint)].q_index];
+  return length;
+}
+
 struct Dynamics::Impl {
   // By articulated frame, 0 being the world.
   std::vector<Inertia> inertia, composite;
@@ -95,7 +102,7 @@ Dynamics::Dynamics(std::shared_ptr<const World> world) : world_(std::move(world)
   // A joint that moves nothing, like a hinge through a point mass: better said now than at the first step.
   const Vector zero = Vector::Zero(w.num_v);
   update(world_->initial_q(), zero);
-  factor(zero);
+  factor(Vector::Zero(num_implicit()));
   for (const Joint& joint : w.joints) {
     if (joint.v_index >= w.nv_articulated) break;
     const double inertia = s.sqrt_d.segment(joint.v_index, joint.num_v()).minCoeff();
@@ -108,8 +115,9 @@ Dynamics::Dynamics(std::shared_ptr<const World> world) : world_(std::move(world)
 Dynamics::~Dynamics() = default;
 Dynamics::Dynamics(Dynamics&&) noexcept = default;
 
+Index Dynamics::num_implicit() const { return world_->num_v() + static_cast<Index>(world_->tendons().size()); }
 Index Dynamics::num_articulated() const { return world_->impl().nv_articulated; }
-const std::vector<int>& Dynamics::parent_dof() const { return world_->impl().parent_dof; }
+const std::vector<int>& Dynamics::factor_parent() const { return world_->impl().factor_parent; }
 int Dynamics::num_free_bodies() const { return static_cast<int>(world_->impl().free_bodies.size()); }
 void Dynamics::twists(const ConstVectorRef& v, std::vector<Twist>& out) const {
   out.resize(frames_.size());
@@ -310,25 +318,44 @@ Vector3 Dynamics::drift(int frame, const Vector3& point, const ConstVectorRef& v
   return drift.linear + drift.angular.cross(point) + twist.angular.cross(twist.linear + twist.angular.cross(point));
 }
 
+void Dynamics::add_implicit(const ConstVectorRef& implicit, const ConstVectorRef& x, VectorRef product) const {
+  const World::Impl& w = world_->impl();
+  product += implicit.head(w.num_v).cwiseProduct(x);
+  for (std::size_t t = 0; t < w.tendon_pulls.size(); ++t) {
+    double rate = 0.0;
+    for (const auto& pull : w.tendon_pulls[t]) rate += pull.coefficient * x[pull.v];
+    const double force = implicit[w.num_v + static_cast<Index>(t)] * rate;
+    for (const auto& pull : w.tendon_pulls[t]) product[pull.v] += force * pull.coefficient;
+  }
+}
+
 bool Dynamics::factor(const ConstVectorRef& implicit) {
   const World::Impl& w = world_->impl();
   Impl& s = *impl_;
   bool good = true;
   const Index n = w.nv_articulated;
   for (Index k = 0; k < n; ++k)
-    for (int i = static_cast<int>(k); i >= 0; i = w.parent_dof[static_cast<std::size_t>(i)])
+    for (int i = static_cast<int>(k); i >= 0; i = w.factor_parent[static_cast<std::size_t>(i)])
       s.lower(k, i) = s.mass(k, i);
   s.lower.diagonal() += implicit.head(n);
+  for (std::size_t t = 0; t < w.tendon_pulls.size(); ++t) {
+    const double resistance = implicit[w.num_v + static_cast<Index>(t)];
+    if (resistance == 0.0) continue;
+    for (const auto& a : w.tendon_pulls[t])
+      for (const auto& b : w.tendon_pulls[t])
+        if (b.v <= a.v) s.lower(a.v, b.v) += resistance * a.coefficient * b.coefficient;
+  }
   for (Index k = n - 1; k >= 0; --k) {
     double* row = s.lower.data() + k * n;
     const double inverse = 1.0 / row[k];
     good = good && row[k] > 0.0;
     s.sqrt_d[k] = std::sqrt(row[k]);
     s.inverse_sqrt_d[k] = 1.0 / s.sqrt_d[k];
-    for (int i = w.parent_dof[static_cast<std::size_t>(k)]; i >= 0; i = w.parent_dof[static_cast<std::size_t>(i)]) {
+    for (int i = w.factor_parent[static_cast<std::size_t>(k)]; i >= 0;
+         i = w.factor_parent[static_cast<std::size_t>(i)]) {
       const double factor = row[i] * inverse;
       double* above = s.lower.data() + i * n;
-      for (int j = i; j >= 0; j = w.parent_dof[static_cast<std::size_t>(j)]) above[j] -= factor * row[j];
+      for (int j = i; j >= 0; j = w.factor_parent[static_cast<std::size_t>(j)]) above[j] -= factor * row[j];
       row[i] = factor;
     }
   }
@@ -354,7 +381,7 @@ void Dynamics::solve_half(VectorRef x) const {
   const Index n = w.nv_articulated;
   for (Index k = n - 1; k >= 0; --k) {
     const double* row = impl_->lower.data() + k * n;
-    for (int i = w.parent_dof[static_cast<std::size_t>(k)]; i >= 0; i = w.parent_dof[static_cast<std::size_t>(i)])
+    for (int i = w.factor_parent[static_cast<std::size_t>(k)]; i >= 0; i = w.factor_parent[static_cast<std::size_t>(i)])
       x[i] -= row[i] * x[k];
     x[k] *= impl_->inverse_sqrt_d[k];
   }
@@ -370,7 +397,7 @@ void Dynamics::solve_half_transposed(VectorRef x) const {
   for (Index k = 0; k < n; ++k) {
     const double* row = impl_->lower.data() + k * n;
     double value = x[k] * impl_->inverse_sqrt_d[k];
-    for (int i = w.parent_dof[static_cast<std::size_t>(k)]; i >= 0; i = w.parent_dof[static_cast<std::size_t>(i)])
+    for (int i = w.factor_parent[static_cast<std::size_t>(k)]; i >= 0; i = w.factor_parent[static_cast<std::size_t>(i)])
       value -= row[i] * x[i];
     x[k] = value;
   }
@@ -386,7 +413,7 @@ void Dynamics::multiply_half_transposed(VectorRef x) const {
   for (Index k = n - 1; k >= 0; --k) {
     const double* row = impl_->lower.data() + k * n;
     double value = x[k];
-    for (int i = w.parent_dof[static_cast<std::size_t>(k)]; i >= 0; i = w.parent_dof[static_cast<std::size_t>(i)])
+    for (int i = w.factor_parent[static_cast<std::size_t>(k)]; i >= 0; i = w.factor_parent[static_cast<std::size_t>(i)])
       value += row[i] * x[i];
     x[k] = value * impl_->sqrt_d[k];
   }
@@ -404,7 +431,7 @@ void Dynamics::solve(VectorRef x) const {
 namespace {
 
 template <int Rows>
-void whiten_rows(const double* lower, const double* inverse_sqrt_d, const std::vector<int>& parent_dof, Index stride,
+void whiten_rows(const double* lower, const double* inverse_sqrt_d, const std::vector<int>& factor_parent, Index stride,
                  double* y, const int* dofs, int count) {
   for (int at = 0; at < count; ++at) {
     const int k = dofs[at];
@@ -412,7 +439,7 @@ void whiten_rows(const double* lower, const double* inverse_sqrt_d, const std::v
     double* yk = y + static_cast<std::ptrdiff_t>(k) * Rows;
     double own[Rows];
     for (int r = 0; r < Rows; ++r) own[r] = yk[r];
-    for (int i = parent_dof[static_cast<std::size_t>(k)]; i >= 0; i = parent_dof[static_cast<std::size_t>(i)]) {
+    for (int i = factor_parent[static_cast<std::size_t>(k)]; i >= 0; i = factor_parent[static_cast<std::size_t>(i)]) {
       double* yi = y + static_cast<std::ptrdiff_t>(i) * Rows;
       for (int r = 0; r < Rows; ++r) yi[r] -= row[i] * own[r];
     }
@@ -425,7 +452,7 @@ void whiten_rows(const double* lower, const double* inverse_sqrt_d, const std::v
 void Dynamics::whiten(double* y, int rows, const int* dofs, int count) const {
   const World::Impl& w = world_->impl();
   const auto whiten = rows == 3 ? &whiten_rows<3> : &whiten_rows<1>;
-  whiten(impl_->lower.data(), impl_->inverse_sqrt_d.data(), w.parent_dof, w.nv_articulated, y, dofs, count);
+  whiten(impl_->lower.data(), impl_->inverse_sqrt_d.data(), w.factor_parent, w.nv_articulated, y, dofs, count);
 }
 
 Matrix Dynamics::jacobian(const ConstVectorRef& q, int body, const Vector3& point) {
@@ -481,6 +508,15 @@ double Dynamics::potential_energy(const ConstVectorRef& q) const {
     const double stretch = q[joint.q_index] - joint.spring_reference;
     energy += 0.5 * joint.stiffness * stretch * stretch;
   }
+  for (const Tendon& tendon : w.tendons) {
+    const double length = tendon_length(*world_, tendon, q);
+    const double stretch = length - std::clamp(length, tendon.spring_lower, tendon.spring_upper);
+    energy += 0.5 * tendon.stiffness * stretch * stretch;
+  }
+  for (const Body& body : w.bodies)
+    if (body.gravity_compensation != 0.0)
+      energy += body.gravity_compensation * body.mass *
+                w.gravity.dot(frames_[static_cast<std::size_t>(body.frame)] * (body.in_frame * body.center));
   return energy;
 }
 

@@ -59,12 +59,14 @@ PairRule::PairRule(const std::vector<CollisionGeometry>& geometries, const Colli
   }
   excluded_ = ordered(filter.excluded, count, "filter.excluded");
   excluded_frames_ = ordered(filter.excluded_frames, -1, "filter.excluded_frames");
+  included_ = ordered(filter.included, count, "filter.included");
 }
 
 bool PairRule::allows(int a, int b) const {
   if (listed_) return std::binary_search(partners_.begin() + begin_[a], partners_.begin() + begin_[a + 1], b);
-  return frame_[a] != frame_[b] && ((group_[a] & mask_[b]) != 0 || (group_[b] & mask_[a]) != 0) &&
-         !(half_space_[a] && half_space_[b]) && !contains(excluded_, a, b) &&
+  if (frame_[a] == frame_[b] || (half_space_[a] && half_space_[b])) return false;
+  if (contains(included_, a, b)) return true;
+  return ((group_[a] & mask_[b]) != 0 || (group_[b] & mask_[a]) != 0) && !contains(excluded_, a, b) &&
          !contains(excluded_frames_, frame_[a], frame_[b]);
 }
 

@@ -34,7 +34,7 @@ class PairRule {
   std::vector<std::uint32_t> group_, mask_;
   std::vector<int> frame_;
   std::vector<char> half_space_;
-  std::vector<std::pair<int, int>> excluded_, excluded_frames_;  // sorted, smaller first
+  std::vector<std::pair<int, int>> excluded_, excluded_frames_, included_;  // sorted, smaller first
 };
 
 /// A binary tree of boxes over all geometries but half spaces. Follows their motion by growing and shrinking its boxes,

@@ -23,8 +23,22 @@ void Material::validate(const char* field) const {
 }
 
 Material mix(const Material& a, const Material& b) {
+  if (a.priority != b.priority) {
+    Material m = a.priority > b.priority ? a : b;
+    if (m.frictionless) m.friction = 0.0;
+    return m;
+  }
   Material m;
-  m.friction = a.friction == b.friction ? a.friction : std::sqrt(a.friction * b.friction);
+  const bool maximum = a.friction_mix == FrictionMix::Maximum && b.friction_mix == FrictionMix::Maximum;
+  m.friction_mix = maximum ? FrictionMix::Maximum : FrictionMix::Geometric;
+  m.frictionless = a.frictionless && b.frictionless;
+  m.priority = a.priority;
+  if (m.frictionless)
+    m.friction = 0.0;
+  else if (maximum)
+    m.friction = std::max(a.friction, b.friction);
+  else
+    m.friction = a.friction == b.friction ? a.friction : std::sqrt(a.friction * b.friction);
   m.restitution = std::max(a.restitution, b.restitution);
   if (std::isinf(a.stiffness)) {
     m.stiffness = b.stiffness, m.damping = b.damping;

@@ -19,7 +19,26 @@ const std::vector<Body>& World::bodies() const { return impl_->bodies; }
 const std::vector<Joint>& World::joints() const { return impl_->joints; }
 const std::vector<Geometry>& World::geometries() const { return impl_->geometries; }
 const std::vector<EqualityConstraint>& World::constraints() const { return impl_->constraints; }
+const std::vector<Tendon>& World::tendons() const { return impl_->tendons; }
 const std::vector<Actuator>& World::actuators() const { return impl_->actuators; }
+const std::vector<ContactPair>& World::contact_pairs() const { return impl_->contact_pairs; }
+
+Material World::material(int a, int b) const {
+  if (const ContactPair* pair = impl_->find_pair(a, b)) return pair->material;
+  return mix(impl_->geometries[static_cast<std::size_t>(a)].material,
+             impl_->geometries[static_cast<std::size_t>(b)].material);
+}
+
+const ContactPair* World::Impl::find_pair(int a, int b) const {
+  if (contact_pairs.empty()) return nullptr;
+  if (a > b) std::swap(a, b);
+  const auto found = std::lower_bound(contact_pairs.begin(), contact_pairs.end(), std::make_pair(a, b),
+                                      [](const ContactPair& pair, const std::pair<int, int>& wanted) {
+                                        return std::make_pair(pair.geometry_a, pair.geometry_b) < wanted;
+                                      });
+  if (found == contact_pairs.end() || found->geometry_a != a || found->geometry_b != b) return nullptr;
+  return &*found;
+}
 const std::vector<std::pair<int, int>>& World::excluded_pairs() const { return impl_->excluded; }
 const Vector3& World::gravity() const { return impl_->gravity; }
 const Vector& World::initial_q() const { return impl_->initial_q; }
@@ -28,9 +47,10 @@ bool World::may_touch(int a, int b) const {
   if (a > b) std::swap(a, b);
   const Geometry& ga = impl_->geometries[a];
   const Geometry& gb = impl_->geometries[b];
-  if (!((ga.group & gb.mask) | (gb.group & ga.mask))) return false;
   const int fa = impl_->bodies[ga.body].frame, fb = impl_->bodies[gb.body].frame;
   if (fa == fb) return false;
+  if (impl_->find_pair(a, b)) return true;
+  if (!((ga.group & gb.mask) | (gb.group & ga.mask))) return false;
   // Parent and child; the world itself is nobody's parent, but a robot's own base, fixed to the world, is.
   const auto adjoins = [this](int child, int parent, int parent_body) {
     return impl_->moving_parent[child] == parent && (parent != 0 || parent_body != 0);

@@ -5,6 +5,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <set>
 
 #include "require.hpp"
 #include "world_impl.hpp"
@@ -24,6 +25,11 @@ void require_placement(const Placement& p, const std::string& field) {
           "a rotation, at most 1e-6");
 }
 
+void validate_limit(double stiffness, double damping, const std::string& name) {
+  require(stiffness > 0.0, name + "limit_stiffness", stiffness, "> 0, infinite for rigid");
+  require(damping >= 0.0 && damping <= 1e15, name + "limit_damping", damping, "in [0, 1e15]");
+}
+
 void validate(const Joint& joint, const std::string& field) {
   if (joint.name.empty()) throw InvalidInput(field, "has a joint without a name");
   const std::string name = "joint '" + joint.name + "'.";
@@ -34,8 +40,14 @@ void validate(const Joint& joint, const std::string& field) {
   require(std::abs(joint.reference) <= 1e9, name + "reference", joint.reference, "within +-1e9");
   require(!std::isnan(joint.lower), name + "lower", joint.lower, "a number");
   require(joint.lower <= joint.upper, name + "upper", joint.upper, "at least lower");
-  require(one_value || (std::isinf(joint.lower) && std::isinf(joint.upper)), name + "lower", joint.lower,
-          "-infinity: only revolute and prismatic joints have limits");
+  if (!one_value) {
+    require(joint.lower == -kInfinity, name + "lower", joint.lower,
+            "-infinity: only revolute and prismatic joints have a lower limit");
+    const bool turns = joint.type == JointType::Ball && joint.upper > 0.0;
+    require(turns || joint.upper == kInfinity, name + "upper", joint.upper,
+            "infinite, or > 0: the largest angle of a ball joint");
+  }
+  validate_limit(joint.limit_stiffness, joint.limit_damping, name);
   const std::pair<const char*, double> values[] = {{"armature", joint.armature},
                                                    {"damping", joint.damping},
                                                    {"friction", joint.friction},
@@ -64,6 +76,42 @@ struct Lump {
     second += in_frame.rotation * body.inertia * in_frame.rotation.transpose() - body.mass * skew(c) * skew(c);
   }
 };
+
+void find_tendon_pulls(World::Impl& w) {
+  for (const Tendon& tendon : w.tendons) {
+    w.tendon_pulls.emplace_back();
+    for (const Tendon::Term& term : tendon.terms)
+      w.tendon_pulls.back().push_back(
+          {static_cast<int>(w.joints[static_cast<std::size_t>(term.joint)].v_index), term.coefficient});
+    w.tendon_resists.push_back(tendon.stiffness > 0.0 || tendon.damping > 0.0);
+  }
+  for (const Actuator& a : w.actuators)
+    if (a.tendon >= 0 && (!a.gain.tail<2>().isZero(0.0) || !a.bias.tail<2>().isZero(0.0)))
+      w.tendon_resists[static_cast<std::size_t>(a.tendon)] = 1;
+}
+
+/// Of M^ = L^T D L, which eliminates the last velocity first: a velocity's parent is the last one before it that its
+/// row of L has an entry for. Without tendons that resist it is the tree of the joints.
+void find_elimination_tree(World::Impl& w) {
+  w.factor_parent = w.parent_dof;
+  if (std::none_of(w.tendon_resists.begin(), w.tendon_resists.end(), [](std::uint8_t r) { return r != 0; })) return;
+  std::vector<std::set<int>> row(w.parent_dof.size());
+  for (std::size_t k = 0; k < row.size(); ++k)
+    for (int i = w.parent_dof[k]; i >= 0; i = w.parent_dof[static_cast<std::size_t>(i)]) row[k].insert(i);
+  for (std::size_t t = 0; t < w.tendon_pulls.size(); ++t) {
+    if (!w.tendon_resists[t]) continue;
+    for (const auto& a : w.tendon_pulls[t])
+      for (const auto& b : w.tendon_pulls[t])
+        if (b.v < a.v) row[static_cast<std::size_t>(a.v)].insert(b.v);
+  }
+  for (std::size_t k = row.size(); k-- > 0;) {
+    w.factor_parent[k] = row[k].empty() ? -1 : *row[k].rbegin();
+    if (row[k].empty()) continue;
+    std::set<int>& above = row[static_cast<std::size_t>(w.factor_parent[k])];
+    for (const int i : row[k])
+      if (i < w.factor_parent[k]) above.insert(i);
+  }
+}
 
 }  // namespace
 
@@ -97,6 +145,8 @@ int WorldBuilder::add_body(Body body) {
   require_finite(body.center, field + ".center");
   for (int k = 0; k < 9; ++k)
     require(std::abs(body.inertia.data()[k]) <= 1e15, field + ".inertia", body.inertia.data()[k], "within +-1e15");
+  require(std::abs(body.gravity_compensation) <= 1e6, field + ".gravity_compensation", body.gravity_compensation,
+          "within +-1e6");
   const double size = body.inertia.cwiseAbs().maxCoeff();
   require((body.inertia - body.inertia.transpose()).cwiseAbs().maxCoeff() <= 1e-6 * size, field + ".inertia asymmetry",
           (body.inertia - body.inertia.transpose()).cwiseAbs().maxCoeff(), "0: an inertia is symmetric");
@@ -135,6 +185,36 @@ int WorldBuilder::add_geometry(Geometry geometry) {
   return index;
 }
 
+int WorldBuilder::add_tendon(Tendon tendon) {
+  const std::string field = "tendon '" + tendon.name + "'";
+  if (tendon.name.empty()) throw InvalidInput("tendon", "has no name");
+  for (const Tendon& other : tendons_)
+    if (other.name == tendon.name) throw InvalidInput(field, "is there already; names of tendons are unique");
+  if (tendon.terms.empty()) throw InvalidInput(field + ".terms", "is empty, must name a joint");
+  for (const Tendon::Term& term : tendon.terms) {
+    require_one_value(term.joint, field + ".terms");
+    require(std::abs(term.coefficient) <= 1e9, field + ".coefficient", term.coefficient, "within +-1e9");
+  }
+  require(!std::isnan(tendon.lower), field + ".lower", tendon.lower, "a number");
+  require(tendon.lower <= tendon.upper, field + ".upper", tendon.upper, "at least lower");
+  validate_limit(tendon.limit_stiffness, tendon.limit_damping, field + ".");
+  for (const auto& [key, value] :
+       {std::make_pair("stiffness", tendon.stiffness), {"damping", tendon.damping}, {"friction", tendon.friction}})
+    require(value >= 0.0 && value <= 1e12, field + "." + key, value, "in [0, 1e12]");
+  require(std::abs(tendon.spring_lower) <= 1e9, field + ".spring_lower", tendon.spring_lower, "within +-1e9");
+  require(tendon.spring_upper >= tendon.spring_lower && tendon.spring_upper <= 1e9, field + ".spring_upper",
+          tendon.spring_upper, "at least spring_lower");
+  tendons_.push_back(std::move(tendon));
+  return static_cast<int>(tendons_.size()) - 1;
+}
+
+void WorldBuilder::require_one_value(int joint, const std::string& field) const {
+  require(joint >= 0 && joint < static_cast<int>(joints_.size()), field, joint, "a joint added before");
+  const JointType type = bodies_[joints_[joint].first].joints[joints_[joint].second].type;
+  if (type != JointType::Revolute && type != JointType::Prismatic)
+    throw InvalidInput(field, "must be a revolute or prismatic joint");
+}
+
 int WorldBuilder::add_constraint(EqualityConstraint constraint) {
   const int index = static_cast<int>(constraints_.size());
   if (constraint.name.empty()) constraint.name = "constraint " + std::to_string(index);
@@ -142,16 +222,17 @@ int WorldBuilder::add_constraint(EqualityConstraint constraint) {
   const auto body = [&](int b, const char* key) {
     require(b >= 0 && b < static_cast<int>(bodies_.size()), field + key, b, "a body added before");
   };
-  const auto joint = [&](int j, const char* key) {
-    require(j >= 0 && j < static_cast<int>(joints_.size()), field + key, j, "a joint added before");
-    const JointType type = bodies_[joints_[j].first].joints[joints_[j].second].type;
-    if (type != JointType::Revolute && type != JointType::Prismatic)
-      throw InvalidInput(field + key, "must be a revolute or prismatic joint");
+  const auto coordinate = [&](int joint, int tendon, const char* key) {
+    if (tendon < 0) return require_one_value(joint, field + key);
+    require(tendon < static_cast<int>(tendons_.size()), field + key, tendon, "a tendon added before");
   };
   if (constraint.type == ConstraintType::Coupling) {
-    joint(constraint.joint_b, ".joint");
-    if (constraint.joint_a >= 0) joint(constraint.joint_a, ".driver");
-    if (constraint.joint_a == constraint.joint_b) throw InvalidInput(field + ".driver", "is the joint itself");
+    coordinate(constraint.joint_b, constraint.tendon_b, ".joint");
+    if (constraint.joint_a >= 0 || constraint.tendon_a >= 0)
+      coordinate(constraint.joint_a, constraint.tendon_a, ".driver");
+    const bool same = constraint.tendon_b >= 0 ? constraint.tendon_a == constraint.tendon_b
+                                               : constraint.tendon_a < 0 && constraint.joint_a == constraint.joint_b;
+    if (same) throw InvalidInput(field + ".driver", "is the joint itself");
     for (const double c : constraint.coefficients)
       require(std::abs(c) <= 1e9, field + ".coefficients", c, "within +-1e9");
   } else {
@@ -164,6 +245,10 @@ int WorldBuilder::add_constraint(EqualityConstraint constraint) {
   require(constraint.stiffness > 0.0, field + ".stiffness", constraint.stiffness, "> 0, infinite for rigid");
   require(constraint.damping >= 0.0 && constraint.damping <= 1e15, field + ".damping", constraint.damping,
           "in [0, 1e15]");
+  require(constraint.turn_stiffness > 0.0, field + ".turn_stiffness", constraint.turn_stiffness,
+          "> 0, infinite for rigid");
+  require(constraint.turn_damping >= 0.0 && constraint.turn_damping <= 1e15, field + ".turn_damping",
+          constraint.turn_damping, "in [0, 1e15]");
   constraints_.push_back(std::move(constraint));
   return index;
 }
@@ -173,17 +258,40 @@ int WorldBuilder::add_actuator(Actuator actuator) {
   if (actuator.name.empty()) throw InvalidInput("actuator", "has no name");
   for (const Actuator& other : actuators_)
     if (other.name == actuator.name) throw InvalidInput(field, "is there already; names of actuators are unique");
-  require(actuator.joint >= 0 && actuator.joint < static_cast<int>(joints_.size()), field + ".joint", actuator.joint,
-          "a joint added before");
-  const Joint& joint = bodies_[joints_[actuator.joint].first].joints[joints_[actuator.joint].second];
-  require(actuator.component >= 0 && actuator.component < joint.num_v(), field + ".component", actuator.component,
-          "one of the joint's velocities");
-  if (actuator.type == ActuatorType::Position && joint.num_v() != 1)
-    throw InvalidInput(field + ".joint", "must be revolute or prismatic for a position actuator");
+  const auto given = static_cast<int>(actuator.joint >= 0) + static_cast<int>(actuator.tendon >= 0) +
+                     static_cast<int>(actuator.body >= 0);
+  require(given == 1, field + ": joints, tendons and bodies that it acts on", given, "1");
+  if (actuator.joint >= 0) {
+    require(actuator.joint < static_cast<int>(joints_.size()), field + ".joint", actuator.joint,
+            "a joint added before");
+    const Joint& joint = bodies_[joints_[actuator.joint].first].joints[joints_[actuator.joint].second];
+    require(actuator.component >= 0 && actuator.component < joint.num_v(), field + ".component", actuator.component,
+            "one of the joint's velocities");
+    if (joint.num_v() != 1)
+      require(actuator.gain[1] == 0.0 && actuator.bias[1] == 0.0, field + ".bias[1]", actuator.bias[1],
+              "0: only revolute and prismatic joints have a length");
+  } else if (actuator.tendon >= 0) {
+    require(actuator.tendon < static_cast<int>(tendons_.size()), field + ".tendon", actuator.tendon,
+            "a tendon added before");
+  } else {
+    require(actuator.body < static_cast<int>(bodies_.size()), field + ".body", actuator.body, "a body added before");
+    require_placement(actuator.placement, field);
+    for (const double x : actuator.wrench) require(std::abs(x) <= 1e9, field + ".wrench", x, "within +-1e9");
+    for (int k = 1; k < 3; ++k)
+      require(actuator.gain[k] == 0.0 && actuator.bias[k] == 0.0, field + ".bias", actuator.bias[k],
+              "0: what pushes a body has no length");
+  }
   require(std::abs(actuator.gear) <= 1e9 && actuator.gear != 0.0, field + ".gear", actuator.gear,
           "within +-1e9 and not 0");
-  require(actuator.kp >= 0.0 && actuator.kp <= 1e12, field + ".kp", actuator.kp, "in [0, 1e12]");
-  require(actuator.kv >= 0.0 && actuator.kv <= 1e12, field + ".kv", actuator.kv, "in [0, 1e12]");
+  for (int k = 0; k < 3; ++k) {
+    require(std::abs(actuator.gain[k]) <= 1e12, field + ".gain", actuator.gain[k], "within +-1e12");
+    require(std::abs(actuator.bias[k]) <= 1e12, field + ".bias", actuator.bias[k], "within +-1e12");
+  }
+  if (actuator.activation == Activation::Filter)
+    require(actuator.time_constant > 0.0 && actuator.time_constant <= 1e9, field + ".time_constant",
+            actuator.time_constant, "in (0, 1e9] s");
+  require(actuator.activation_lower <= actuator.activation_upper, field + ".activation_range",
+          actuator.activation_lower, "ordered");
   require(actuator.control_lower <= actuator.control_upper, field + ".control_range", actuator.control_lower,
           "ordered");
   require(actuator.force_lower <= actuator.force_upper, field + ".force_range", actuator.force_lower, "ordered");
@@ -203,12 +311,24 @@ void WorldBuilder::exclude_geometries(int geometry_a, int geometry_b) {
   excluded_geometries_.emplace_back(std::min(geometry_a, geometry_b), std::max(geometry_a, geometry_b));
 }
 
+void WorldBuilder::add_contact_pair(ContactPair pair) {
+  for (const int g : {pair.geometry_a, pair.geometry_b})
+    require(g >= 0 && g < static_cast<int>(geometries_.size()), "contact pair", g, "a geometry added before");
+  if (pair.geometry_a == pair.geometry_b) throw InvalidInput("contact pair", "is of a geometry with itself");
+  if (pair.geometry_a > pair.geometry_b) std::swap(pair.geometry_a, pair.geometry_b);
+  const std::string field =
+      "contact pair (" + geometries_[pair.geometry_a].name + ", " + geometries_[pair.geometry_b].name + ")";
+  pair.material.validate(field.c_str());
+  contact_pairs_.push_back(std::move(pair));
+}
+
 std::shared_ptr<const World> WorldBuilder::build() const {
   auto impl = std::make_unique<World::Impl>();
   impl->gravity = gravity_;
   impl->bodies = bodies_;
   impl->geometries = geometries_;
   impl->constraints = constraints_;
+  impl->tendons = tendons_;
   impl->actuators = actuators_;
   std::vector<Body>& bodies = impl->bodies;
   const auto count = bodies.size();
@@ -341,7 +461,10 @@ std::shared_ptr<const World> WorldBuilder::build() const {
     if (c.joint_a >= 0) c.joint_a = place[c.joint_a];
     if (c.joint_b >= 0) c.joint_b = place[c.joint_b];
   }
-  for (Actuator& a : impl->actuators) a.joint = place[a.joint];
+  for (Actuator& a : impl->actuators)
+    if (a.joint >= 0) a.joint = place[a.joint];
+  for (Tendon& t : impl->tendons)
+    for (Tendon::Term& term : t.terms) term.joint = place[term.joint];
 
   // Whatever moves has a mass.
   std::vector<double> outer_mass(lumps.size());
@@ -399,6 +522,14 @@ std::shared_ptr<const World> WorldBuilder::build() const {
     }
   }
 
+  find_tendon_pulls(*impl);
+  find_elimination_tree(*impl);
+
+  impl->contact_pairs = contact_pairs_;
+  std::stable_sort(impl->contact_pairs.begin(), impl->contact_pairs.end(),
+                   [](const ContactPair& a, const ContactPair& b) {
+                     return std::make_pair(a.geometry_a, a.geometry_b) < std::make_pair(b.geometry_a, b.geometry_b);
+                   });
   impl->excluded = excluded_geometries_;
   std::sort(impl->excluded.begin(), impl->excluded.end());
   for (const auto& [a, b] : excluded_bodies_) impl->excluded_bodies.insert(World::Impl::pair_key(a, b));

@@ -41,7 +41,9 @@ struct World::Impl {
   std::vector<Joint> joints;
   std::vector<Geometry> geometries;
   std::vector<EqualityConstraint> constraints;
+  std::vector<Tendon> tendons;
   std::vector<Actuator> actuators;
+  std::vector<ContactPair> contact_pairs;             // a < b, sorted
   std::vector<std::pair<int, int>> excluded;          // geometries, a < b, sorted
   std::unordered_set<std::uint64_t> excluded_bodies;  // pair_key of bodies
   std::vector<int> moving_parent;                     // for each frame of a body, that of the body it hangs on
@@ -51,9 +53,19 @@ struct World::Impl {
   int num_articulated_frames = 1;
   Index nq_articulated = 0, nv_articulated = 0;
   std::vector<int> parent_dof;  // of its velocities: the one before it on the way to the root, or -1
+  /// The same in the elimination tree of M^, which tendons make denser: paths in it hold those in parent_dof.
+  std::vector<int> factor_parent;
+  struct Pull {
+    int v = 0;
+    double coefficient = 1.0;
+  };
+  std::vector<std::vector<Pull>> tendon_pulls;  // by tendon: length' = sum of coefficient v
+  std::vector<std::uint8_t> tendon_resists;     // by tendon: adds to M^
   std::vector<FreeBody> free_bodies;
   Index num_q = 0, num_v = 0;
   Vector initial_q;
+
+  const ContactPair* find_pair(int a, int b) const;
 
   static std::uint64_t pair_key(int a, int b) {
     if (a > b) std::swap(a, b);

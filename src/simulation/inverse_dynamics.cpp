@@ -34,8 +34,9 @@ struct InverseDynamics::Impl {
         assembler(world, correction_settings(s)),
         wrenches(static_cast<std::size_t>(world->num_frames())) {
     const Index nv = world->num_v();
-    for (Vector* x : {&u, &acceleration, &other, &implicit, &joint_force, &result.force, &result.v_next})
-      *x = Vector::Zero(nv);
+    for (Vector* x : {&u, &acceleration, &other, &joint_force, &result.force, &result.v_next}) *x = Vector::Zero(nv);
+    implicit = Vector::Zero(dynamics.num_implicit());
+    drive = Vector::Zero(world->num_controls());
     default_actuated = InverseDynamics::actuated(*world);
   }
 
@@ -69,6 +70,7 @@ struct InverseDynamics::Impl {
   Vector q, u;         // u: the velocity wanted, in the frames of the step
   Vector detected_at;  // where `points` were found, as given; empty: they were given too
   Vector acceleration, other, implicit, joint_force;
+  Vector drive;                  // what the actuators are driven by
   GrowVector compliance, guess;  // of all rows
   double speed = 0.0;
   InverseSolution solution;
@@ -92,8 +94,14 @@ const std::vector<ContactPoint>& InverseDynamics::points() const { return impl_-
 
 std::vector<std::uint8_t> InverseDynamics::actuated(const World& world) {
   std::vector<std::uint8_t> has(static_cast<std::size_t>(world.num_v()), world.actuators().empty() ? 1 : 0);
-  for (const Actuator& a : world.actuators())
-    has[static_cast<std::size_t>(world.joints()[static_cast<std::size_t>(a.joint)].v_index + a.component)] = 1;
+  const auto at = [&](int joint) {
+    return static_cast<std::size_t>(world.joints()[static_cast<std::size_t>(joint)].v_index);
+  };
+  for (const Actuator& a : world.actuators()) {
+    if (a.joint >= 0) has[at(a.joint) + static_cast<std::size_t>(a.component)] = 1;
+    if (a.tendon < 0) continue;
+    for (const Tendon::Term& term : world.tendons()[static_cast<std::size_t>(a.tendon)].terms) has[at(term.joint)] = 1;
+  }
   if (world.actuators().empty())
     for (const Joint& joint : world.joints())
       if (joint.type == JointType::Free) std::fill_n(has.begin() + joint.v_index, 6, std::uint8_t{0});
@@ -218,7 +226,8 @@ void InverseDynamics::Impl::add_up(bool with_impulses) {
   joint_force.setZero();
   if (with_impulses) assembler.add_forces(solution.impulse, 1.0 / settings.time_step, wrenches, joint_force);
   dynamics.inverse(acceleration, wrenches, result.force);
-  result.force += implicit.cwiseProduct(acceleration) - joint_force - other;
+  dynamics.add_implicit(implicit, acceleration, result.force);
+  result.force -= joint_force + other;
 }
 
 const InverseDynamicsResult& InverseDynamics::solve(const Input& input) {
@@ -244,7 +253,8 @@ const InverseDynamicsResult& InverseDynamics::Impl::solve(const Input& input) {
   dynamics.update_velocities(input.v);
   other.setZero();
   implicit.setZero();
-  forces.add(dynamics, q, input.v, input.control.size() > 0 ? &input.control : nullptr,
+  if (input.control.size() > 0) forces.set_input(input.control, input.control, drive);
+  forces.add(dynamics, q, input.v, input.control.size() > 0 ? &drive : nullptr,
              input.external_wrench.size() > 0 ? &input.external_wrench : nullptr, dt, other, implicit);
   result.v_next = input.v_next;
   settled.clear();
@@ -370,19 +380,30 @@ void InverseDynamics::Impl::restart(const Input& input) {
 
 /// Runs into a limit that is not among the sets.
 bool InverseDynamics::Impl::misses_limit() const {
-  for (std::size_t j = 0; j < world->joints().size(); ++j) {
-    const Joint& joint = world->joints()[j];
-    if (joint.num_v() != 1) continue;
-    const double moves = settings.time_step * u[joint.v_index];
-    for (const SetSource side : {SetSource::LowerLimit, SetSource::UpperLimit}) {
-      const bool lower = side == SetSource::LowerLimit;
-      const double gap = lower ? q[joint.q_index] - joint.lower : joint.upper - q[joint.q_index];
-      if (!(gap + (lower ? moves : -moves) < 0.0)) continue;
-      if (std::none_of(assembler.sets().begin(), assembler.sets().end(), [&](const Assembler::Set& set) {
-            return set.source == side && set.index == static_cast<int>(j);
-          }))
-        return true;
-    }
+  const auto misses = [this](SetSource side, std::size_t index, double gap, double moves) {
+    if (!(gap + settings.time_step * moves < 0.0)) return false;
+    return std::none_of(assembler.sets().begin(), assembler.sets().end(), [&](const Assembler::Set& set) {
+      return set.source == side && set.index == static_cast<int>(index);
+    });
+  };
+  const auto misses_either = [&](const auto& limited, std::size_t index, double value, double rate) {
+    return misses(SetSource::LowerLimit, index, value - limited.lower, rate) ||
+           misses(SetSource::UpperLimit, index, limited.upper - value, -rate);
+  };
+  const std::vector<Joint>& joints = world->joints();
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    const Joint& joint = joints[j];
+    if (joint.num_v() == 1 && misses_either(joint, j, q[joint.q_index], u[joint.v_index])) return true;
+    if (joint.type != JointType::Ball || joint.upper == kInfinity) continue;
+    const double angle = 2.0 * std::atan2(q.segment<3>(joint.q_index).norm(), std::abs(q[joint.q_index + 3]));
+    if (misses(SetSource::UpperLimit, j, joint.upper - angle, -u.segment<3>(joint.v_index).norm())) return true;
+  }
+  for (std::size_t t = 0; t < world->tendons().size(); ++t) {
+    const Tendon& tendon = world->tendons()[t];
+    double rate = 0.0;
+    for (const Tendon::Term& term : tendon.terms)
+      rate += term.coefficient * u[joints[static_cast<std::size_t>(term.joint)].v_index];
+    if (misses_either(tendon, joints.size() + t, tendon_length(*world, tendon, q), rate)) return true;
   }
   return false;
 }
@@ -395,7 +416,7 @@ Status InverseDynamics::Impl::move_to_closest(const Input& input) {
     if (!actuated[static_cast<std::size_t>(k)]) p.unactuated.push_back(k);
   dynamics.update(q, input.v);
   p.mass = dynamics.mass_matrix();
-  p.mass.diagonal() += implicit;
+  for (Index k = 0; k < u.size(); ++k) dynamics.add_implicit(implicit, Vector::Unit(u.size(), k), p.mass.col(k));
   p.jacobian.resize(assembler.num_rows(), u.size());
   GrowVector column;
   column.resize(p.jacobian.rows());
@@ -441,10 +462,19 @@ std::string InverseDynamics::worst() const {
   const Impl& s = *impl_;
   if (!(s.solution.residual > 0.0) || s.solution.worst < 0) return "";
   const Assembler::Set& set = s.assembler.sets()[static_cast<std::size_t>(s.solution.worst)];
-  const auto joint_of = [&](Index v) {
-    for (const Joint& joint : s.world->joints())
-      if (v >= joint.v_index && v < joint.v_index + joint.num_v()) return "'" + joint.name + "'";
-    return std::string();
+  const auto coordinate = [&](std::size_t joint) {
+    const std::vector<Joint>& joints = s.world->joints();
+    if (joint >= joints.size()) return "tendon '" + s.world->tendons()[joint - joints.size()].name + "'";
+    return "joint '" + joints[joint].name + "'";
+  };
+  const auto index = static_cast<std::size_t>(set.index);
+  const auto moved_by = [&](Index v) {
+    std::size_t j = s.world->joints().size() + static_cast<std::size_t>(std::max<Index>(0, v - s.world->num_v()));
+    for (std::size_t k = 0; k < s.world->joints().size(); ++k) {
+      const Joint& joint = s.world->joints()[k];
+      if (v >= joint.v_index && v < joint.v_index + joint.num_v()) j = k;
+    }
+    return j;
   };
   switch (set.source) {
     case SetSource::Contact: {
@@ -453,11 +483,11 @@ std::string InverseDynamics::worst() const {
       return "contact of " + geometry(point.geometry_a) + " and " + geometry(point.geometry_b);
     }
     case SetSource::LowerLimit:
-      return "lower limit of joint " + joint_of(set.v_b);
+      return "lower limit of " + coordinate(index);
     case SetSource::UpperLimit:
-      return "upper limit of joint " + joint_of(set.v_b);
+      return "upper limit of " + coordinate(index);
     case SetSource::JointFriction:
-      return "friction of joint " + joint_of(set.v_b);
+      return "friction of " + coordinate(moved_by(set.index));
     case SetSource::Equality:
       return "equality '" + s.world->constraints()[static_cast<std::size_t>(set.index)].name + "'";
   }

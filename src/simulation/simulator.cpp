@@ -16,7 +16,7 @@ namespace signorini {
 namespace {
 
 // Bytes of save(): a tag, then values one after the other.
-constexpr char kTag[] = "signorini state 1";
+constexpr char kTag[] = "signorini state 2";
 
 class Writer {
  public:
@@ -122,9 +122,10 @@ struct Simulator::Impl {
         assembler(world, correction_settings(s)) {
     const Index nv = world->num_v();
     q = world->initial_q();
-    for (Vector* x : {&v, &applied, &force, &implicit, &free_v, &friction_guess, &lower_guess, &upper_guess})
-      *x = Vector::Zero(nv);
-    control = Vector::Zero(world->num_controls());
+    for (Vector* x : {&v, &applied, &force, &free_v}) *x = Vector::Zero(nv);
+    implicit = friction_guess = Vector::Zero(dynamics.num_implicit());
+    lower_guess = upper_guess = Vector::Zero(static_cast<Index>(world->joints().size() + world->tendons().size()));
+    control = activation = input = Vector::Zero(world->num_controls());
     wrench = Matrix::Zero(6, static_cast<Index>(world->bodies().size()));
     for (const EqualityConstraint& c : world->constraints()) {
       equality_start.push_back(num_equality_rows);
@@ -148,7 +149,8 @@ struct Simulator::Impl {
   Guess guess;
   StepReport report;
 
-  Vector q, v, control, applied;
+  Vector q, v, control, activation, applied;
+  Vector input;  // of actuators: their control, or their activation
   double time = 0.0;
   Matrix wrench;
   Vector force, implicit, free_v;  // implicit: what depends on the new velocity, added to M (S2)
@@ -179,6 +181,7 @@ Vector& Simulator::q() { return impl_->q; }
 Vector& Simulator::v() { return impl_->v; }
 double& Simulator::time() { return impl_->time; }
 Vector& Simulator::control() { return impl_->control; }
+Vector& Simulator::activation() { return impl_->activation; }
 Vector& Simulator::applied_force() { return impl_->applied; }
 Matrix& Simulator::external_wrench() { return impl_->wrench; }
 const StepReport& Simulator::report() const { return impl_->report; }
@@ -214,10 +217,10 @@ void Simulator::Impl::make_guess() {
         break;
       }
       case SetSource::LowerLimit:
-        x = lower_guess[world->joints()[static_cast<std::size_t>(set.index)].v_index];
+        x = lower_guess[set.index];
         break;
       case SetSource::UpperLimit:
-        x = upper_guess[world->joints()[static_cast<std::size_t>(set.index)].v_index];
+        x = upper_guess[set.index];
         break;
       case SetSource::JointFriction:
         x = friction_guess[set.index];
@@ -240,10 +243,10 @@ void Simulator::Impl::keep_impulses() {
         contact_guess.segment<3>(3 * set.index) = set.frame * impulse.segment<3>(set.start);
         break;
       case SetSource::LowerLimit:
-        lower_guess[world->joints()[static_cast<std::size_t>(set.index)].v_index] = x;
+        lower_guess[set.index] = x;
         break;
       case SetSource::UpperLimit:
-        upper_guess[world->joints()[static_cast<std::size_t>(set.index)].v_index] = x;
+        upper_guess[set.index] = x;
         break;
       case SetSource::JointFriction:
         friction_guess[set.index] = x;
@@ -290,6 +293,7 @@ void Simulator::step() {
   require_finite("q", s.q);
   require_finite("v", s.v);
   require_finite("control", s.control);
+  require_finite("activation", s.activation);
   require_finite("applied_force", s.applied);
   require_finite("external_wrench", Eigen::Map<const Vector>(s.wrench.data(), s.wrench.size()));
   if (!s.world->normalize(s.q)) throw InvalidInput("q", "has a quaternion of length 0");
@@ -300,7 +304,8 @@ void Simulator::step() {
   s.dynamics.update(s.q, s.v);
   s.force = s.applied - s.dynamics.bias();
   s.implicit.setZero();
-  s.forces.add(s.dynamics, s.q, s.v, &s.control, &s.wrench, s.settings.time_step, s.force, s.implicit);
+  s.forces.set_input(s.control, s.activation, s.input);
+  s.forces.add(s.dynamics, s.q, s.v, &s.input, &s.wrench, s.settings.time_step, s.force, s.implicit);
   if (!s.dynamics.factor(s.implicit))
     throw InvalidInput("q", "makes the mass matrix lose its definiteness (numbers too large?)");
   s.free_v = s.settings.time_step * s.force;
@@ -319,6 +324,7 @@ void Simulator::step() {
   require_finite("v (after the step)", s.free_v);
   s.v = s.free_v;
   advance(*s.world, s.settings.time_step, s.q, s.v);
+  s.forces.advance_activation(s.control, s.settings.time_step, s.activation);
   s.time += s.settings.time_step;
 
   StepReport& r = s.report;
@@ -373,7 +379,8 @@ Matrix Simulator::mass_matrix() {
 void Simulator::reset() {
   Impl& s = *impl_;
   s.q = s.world->initial_q();
-  for (Vector* x : {&s.v, &s.applied, &s.control, &s.friction_guess, &s.lower_guess, &s.upper_guess, &s.equality_guess})
+  for (Vector* x : {&s.v, &s.applied, &s.control, &s.activation, &s.friction_guess, &s.lower_guess, &s.upper_guess,
+                    &s.equality_guess})
     x->setZero();
   s.wrench.setZero();
   s.time = 0.0;
@@ -391,8 +398,8 @@ std::string Simulator::save() const {
   out.text(kTag);
   out.value(s.settings.time_step);
   out.value(s.time);
-  for (const Vector* x : {&s.q, &s.v, &s.control, &s.applied, &s.friction_guess, &s.lower_guess, &s.upper_guess,
-                          &s.equality_guess, &s.contact_guess})
+  for (const Vector* x : {&s.q, &s.v, &s.control, &s.activation, &s.applied, &s.friction_guess, &s.lower_guess,
+                          &s.upper_guess, &s.equality_guess, &s.contact_guess})
     out.vector(*x);
   out.vector(Eigen::Map<const Vector>(s.wrench.data(), s.wrench.size()));
   out.text(s.detector.save());
@@ -407,10 +414,11 @@ void Simulator::restore(const std::string& bytes) {
   if (in.text() != kTag) Reader::fail("is not a saved state, or of another version");
   if (in.number() != s.settings.time_step) Reader::fail("was saved with another time step");
   const double time = in.number();
-  Vector q, v, control, applied, friction, lower, upper, equality, contact, wrench;
+  Vector q, v, control, activation, applied, friction, lower, upper, equality, contact, wrench;
   in.vector(q, s.q.size());
   in.vector(v, s.v.size());
   in.vector(control, s.control.size());
+  in.vector(activation, s.activation.size());
   in.vector(applied, s.applied.size());
   in.vector(friction, s.friction_guess.size());
   in.vector(lower, s.lower_guess.size());
@@ -426,7 +434,7 @@ void Simulator::restore(const std::string& bytes) {
   s.start_sets.clear();
   s.impulse.resize(0);
   s.time = time;
-  s.q = q, s.v = v, s.control = control, s.applied = applied;
+  s.q = q, s.v = v, s.control = control, s.activation = activation, s.applied = applied;
   s.friction_guess = friction, s.lower_guess = lower, s.upper_guess = upper, s.equality_guess = equality;
   s.contact_guess = contact;
   s.wrench = Eigen::Map<const Matrix>(wrench.data(), 6, s.wrench.cols());
@@ -443,6 +451,8 @@ std::uint64_t Simulator::state_hash() const {
   add(impl_->q.data(), static_cast<std::size_t>(impl_->q.size()) * sizeof(double));
   add(impl_->v.data(), static_cast<std::size_t>(impl_->v.size()) * sizeof(double));
   add(&impl_->time, sizeof(double));
+  add(impl_->activation.data(),
+      impl_->forces.has_activations() ? static_cast<std::size_t>(impl_->activation.size()) * sizeof(double) : 0);
   return hash;
 }
 

@@ -28,6 +28,7 @@ CollisionFilter collision_filter(const World& world) {
         static_cast<int>(g));
   }
   filter.excluded = w.excluded;
+  for (const ContactPair& pair : w.contact_pairs) filter.included.emplace_back(pair.geometry_a, pair.geometry_b);
   const auto exclude = [&filter](const std::vector<int>& a, const std::vector<int>& b) {
     for (const int i : a)
       for (const int j : b)

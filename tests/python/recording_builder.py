@@ -30,7 +30,7 @@ class RecordingBuilder:
 
     def add_body(
         self, name, *, parent="world", position=(0, 0, 0), orientation=(0, 0, 0, 1), joints=(), mass=0.0,
-        center=(0, 0, 0), inertia=None,
+        center=(0, 0, 0), inertia=None, gravity_compensation=0.0,
     ):  # fmt: skip
         assert parent == "world" or parent in self.bodies, f"{name}: parents come first"
         assert name not in {"world", *self.bodies}

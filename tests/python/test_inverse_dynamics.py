@@ -367,9 +367,9 @@ def test_controls_that_act_are_taken_off():
             effort = u
         elif actuator.name == "position":  # implicit
             x = actuator.gear * (q[joint.q_index] + DT * v_next[at])
-            effort = actuator.kp * (u - x) - actuator.kv * actuator.gear * v_next[at]
+            effort = actuator.gain[0] * (u - x) + actuator.bias[2] * actuator.gear * v_next[at]
         elif actuator.name == "velocity":
-            effort = actuator.kv * (u - actuator.gear * v_next[at])
+            effort = actuator.gain[0] * (u - actuator.gear * v_next[at])
         else:
             effort = 3.0 * np.sign(u - actuator.gear * q[joint.q_index])
         expected[at] += actuator.gear * effort

@@ -26,9 +26,9 @@ Matrix3 contact_frame(const Vector3& normal);
 /// What a set of the assembled problem stands for.
 enum class SetSource : std::uint8_t {
   Contact,        ///< index: of the contact point
-  LowerLimit,     ///< index: of the joint
-  UpperLimit,     ///< index: of the joint
-  JointFriction,  ///< index: of the velocity
+  LowerLimit,     ///< index: of the joint; of tendon k: number of joints + k
+  UpperLimit,     ///< likewise
+  JointFriction,  ///< index: of the velocity; of tendon k: number of velocities + k
   Equality        ///< index: of the constraint; row: of it
 };
 
@@ -49,12 +49,11 @@ class Assembler {
     int group = -1, group_row = 0;  ///< of articulated sets that share velocities; first row in its product
     int num_free = 0;               ///< free bodies it acts on
     int free[2] = {0, 0};
-    double y[2][18];               ///< rows x 6 each, column-major, whitened
-    Matrix3 frame;                 ///< Contact, Equality of bodies: columns t1, t2, n, or the world's axes
-    Vector3 point_a, point_b;      ///< likewise: that are held together, in the world
-    int frame_a = 0, frame_b = 0;  ///< likewise: what they move with
-    int v_a = -1, v_b = -1;        ///< others: the velocity is u[v_b] - slope u[v_a], or without v_a slope u[v_b]
-    double slope = 1.0;
+    double y[2][18];                         ///< rows x 6 each, column-major, whitened
+    Matrix3 frame;                           ///< Contact, Equality of bodies: columns t1, t2, n, or the world's axes
+    Vector3 point_a, point_b;                ///< likewise: that are held together, in the world
+    int frame_a = 0, frame_b = 0;            ///< likewise: what they move with
+    int first_term = 0, num_terms = 0;       ///< others: the velocity is a sum over terms_, factor u[v] each
     Material material;                       ///< Contact: mixed
     double gap = 0.0, gap_correction = 0.0;  ///< Contact [m], and its correction without bounce [m/s]
     double bounce = 0.0;  ///< Contact: e v_N [m/s] where the approach is fast enough to bounce (S8), else 0
@@ -107,6 +106,8 @@ class Assembler {
   void add_point(const Dynamics& dynamics, Set& set, int frame, const Vector3& point, double sign);
   void add_rotation(const Dynamics& dynamics, Set& set, int frame, double sign);
   void add_velocity(Set& set, Index v, double factor);
+  void add_term(Set& set, Index v, double factor);
+  void add_tendon_terms(Set& set, int tendon, double factor);
   void build_rows(Set& set);
   void whiten(Set& set);
   /// velocity = J u of a set; twists: those of the frames at u.
@@ -114,6 +115,7 @@ class Assembler {
   void add_contacts(const std::vector<ContactPoint>& contacts);
   void add_limits(const ConstVectorRef& q, const ConstVectorRef& v, const ConstVectorRef& free_v,
                   const ConstVectorRef& reach);
+  void add_limit(SetSource source, int index, double gap, double stiffness, double damping);
   void add_joint_friction();
   void add_equalities(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v);
   void correct(const ConstVectorRef& v);
@@ -132,7 +134,12 @@ class Assembler {
   const Dynamics* dynamics_ = nullptr;  // of the last assemble()
   CorrectionSettings settings_;
   std::vector<int> geometry_frame_;
-  std::vector<int> limited_joints_;
+  std::vector<int> limited_joints_, limited_tendons_;
+  struct Term {
+    int v = 0;
+    double factor = 1.0;
+  };
+  std::vector<Term> terms_;
   std::vector<std::pair<int, double>> friction_velocities_;  // velocity, largest force
 
   std::vector<Set> sets_;

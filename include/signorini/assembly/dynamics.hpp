@@ -19,10 +19,13 @@ struct Wrench {
   void add(const Vector3& f, const Vector3& point) { force += f, moment += point.cross(f); }
 };
 
-/// A world at one state: placements, mass matrix, bias, all in O(bodies) for free bodies. With M^ = M + diag(implicit),
-/// Y = J M^^-1/2 (rows whitened: G = J M^^-1 J^T = Y Y^T) is what contact rows are kept as.
-/// Velocities of free joints count in the frame of the body as it stands at the start of the step, held still: so
-/// bias() has no term that only turns that frame (docs/simulation.md, S3).
+/// Coefficients times joint values, summed.
+double tendon_length(const World& world, const Tendon& tendon, const ConstVectorRef& q);
+
+/// A world at one state: placements, mass matrix, bias, all in O(bodies) for free bodies. With M^ = M + what resists
+/// (S1), Y = J M^^-1/2 (rows whitened: G = J M^^-1 J^T = Y Y^T) is what contact rows are kept as. Velocities of free
+/// joints count in the frame of the body as it stands at the start of the step, held still: so bias() has no term that
+/// only turns that frame (docs/simulation.md, S3).
 class Dynamics {
  public:
   explicit Dynamics(std::shared_ptr<const World> world);
@@ -50,7 +53,11 @@ class Dynamics {
   /// Of every frame, when the joints move at v; after update().
   void twists(const ConstVectorRef& v, std::vector<Twist>& out) const;
 
-  /// Factors M^ = M + diag(implicit); implicit >= 0, nv values. False when M^ is not positive definite.
+  /// Values that say M^ - M: one a velocity, on the diagonal, then one a tendon, times c c^T of its coefficients c.
+  Index num_implicit() const;
+  /// product += (M^ - M) x
+  void add_implicit(const ConstVectorRef& implicit, const ConstVectorRef& x, VectorRef product) const;
+  /// Factors M^; implicit >= 0, num_implicit() values. False when M^ is not positive definite.
   bool factor(const ConstVectorRef& implicit);
   /// x <- M^^-1 x
   void solve(VectorRef x) const;
@@ -62,7 +69,8 @@ class Dynamics {
 
   // The articulated part: velocities 0 .. num_articulated() - 1.
   Index num_articulated() const;
-  const std::vector<int>& parent_dof() const;
+  /// Of a velocity: the next one on its way to the root in the elimination tree of M^, or -1.
+  const std::vector<int>& factor_parent() const;
   /// Velocities (ascending) that move an articulated frame.
   const std::vector<int>& support(int frame) const { return support_[static_cast<std::size_t>(frame)]; }
   /// 6 values of velocity k: linear velocity at the world's origin, angular velocity, both in world axes.

@@ -38,6 +38,7 @@ struct CollisionFilter {
   std::vector<std::uint32_t> group, mask;
   std::vector<std::pair<int, int>> excluded;         ///< pairs of geometries that may not, in any order
   std::vector<std::pair<int, int>> excluded_frames;  ///< pairs of frames whose geometries may not, in any order
+  std::vector<std::pair<int, int>> included;         ///< pairs of geometries that may, whatever the other fields say
 
   CollisionFilter() {}  // not an aggregate: Detector(..., {{0, 1}}) means a list of pairs
 };

@@ -1,8 +1,12 @@
 #pragma once
 
+#include <cstdint>
 #include <limits>
 
 namespace signorini {
+
+/// Of two coefficients of friction.
+enum class FrictionMix : std::uint8_t { Geometric, Maximum };
 
 /// How a surface behaves in contact. Two materials make a contact's by mix().
 struct Material {
@@ -11,14 +15,17 @@ struct Material {
   /// Normal stiffness of a contact patch [N/m], shared equally by its points; infinite: rigid.
   double stiffness = std::numeric_limits<double>::infinity();
   double damping = 0.0;  ///< of the same patch [N s/m]; without effect when rigid
+  FrictionMix friction_mix = FrictionMix::Geometric;
+  bool frictionless = false;  ///< no friction with what is frictionless too; else as `friction` says
+  int priority = 0;           ///< of two, the material with the higher one counts alone
 
   /// Raises InvalidInput naming `field`, the value and the allowed range.
   void validate(const char* field) const;
 };
 
-/// friction sqrt(mu_a mu_b); the larger restitution; springs in series, 1/k = 1/k_a + 1/k_b, so that a rigid side
-/// leaves the other's stiffness as it is; damping k (d_a / k_a + d_b / k_b) weighted by compliance: (k_b d_a + k_a d_b)
-/// / (k_a + k_b), the other's where one is rigid.
+/// Of equal priority: friction sqrt(mu_a mu_b), or max(mu_a, mu_b) where both say Maximum; the larger restitution;
+/// springs in series, 1/k = 1/k_a + 1/k_b, so that a rigid side leaves the other's stiffness as it is; damping k (d_a /
+/// k_a + d_b / k_b) weighted by compliance: (k_b d_a + k_a d_b) / (k_a + k_b), the other's where one is rigid.
 Material mix(const Material& a, const Material& b);
 
 }  // namespace signorini

@@ -15,11 +15,14 @@ class WorldBuilder {
   int add_body(Body body);
   /// Returns the geometry's index; an empty name is made up.
   int add_geometry(Geometry geometry);
+  int add_tendon(Tendon tendon);
   int add_constraint(EqualityConstraint constraint);
   int add_actuator(Actuator actuator);
   /// The geometries of these bodies never touch.
   void exclude_bodies(int body_a, int body_b);
   void exclude_geometries(int geometry_a, int geometry_b);
+  /// These two may touch whatever else is said, with a material of their own.
+  void add_contact_pair(ContactPair pair);
 
   int find_body(const std::string& name) const;   ///< -1: none
   int find_joint(const std::string& name) const;  ///< index in the order of addition; -1: none
@@ -27,12 +30,16 @@ class WorldBuilder {
   std::shared_ptr<const World> build() const;
 
  private:
+  void require_one_value(int joint, const std::string& field) const;
+
   Vector3 gravity_;
   std::vector<Body> bodies_;
   std::vector<std::pair<int, int>> joints_;  // (body, place in it)
   std::vector<Geometry> geometries_;
   std::vector<EqualityConstraint> constraints_;
+  std::vector<Tendon> tendons_;
   std::vector<Actuator> actuators_;
+  std::vector<ContactPair> contact_pairs_;
   std::vector<std::pair<int, int>> excluded_bodies_, excluded_geometries_;
 };
 

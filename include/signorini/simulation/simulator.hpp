@@ -78,6 +78,7 @@ class Simulator {
   Vector& v();              ///< nv values
   double& time();           ///< [s]
   Vector& control();        ///< one value an actuator
+  Vector& activation();     ///< likewise, of those that have one; a part of the state
   Vector& applied_force();  ///< nv values, generalised [N, N m], added to everything else
   /// Wrench on each body: force, then moment about the body frame's origin, both in world axes [N, N m]. 6 x bodies.
   Matrix& external_wrench();

@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from signorini._core import InvalidInputError
 from signorini.load import _xml, mesh
-from signorini.load._options import Added, Options
+from signorini.load._options import Added, Compliance, Options
 from signorini.load._placement import Placement, from_quaternion
 
 if TYPE_CHECKING:
@@ -56,6 +56,7 @@ def load(
     exclude_overlapping: bool | Callable[[World], npt.ArrayLike] | None = None,
     hull_vertices: int | None = mesh.HULL_VERTICES,
     repair_inertia: bool = False,
+    compliance: Compliance = "file",
     builder: WorldBuilder | None = None,
 ) -> World:
     """Builds a world from a robot file (URDF, MJCF).
@@ -72,7 +73,16 @@ def load(
     path = Path(path)
     format = format or file_format(path)
     options = _options(
-        prefix, position, orientation, floating_base, package_dirs, material, motors, hull_vertices, repair_inertia
+        prefix,
+        position,
+        orientation,
+        floating_base,
+        package_dirs,
+        material,
+        motors,
+        hull_vertices,
+        repair_inertia,
+        compliance,
     )
     source = _read(path, format)
     if builder is None:
@@ -113,6 +123,7 @@ def add_file(
     self_collision: bool = True,
     hull_vertices: int | None = mesh.HULL_VERTICES,
     repair_inertia: bool = False,
+    compliance: Compliance = "file",
 ) -> Added:
     """Adds what is in a robot file to a builder; returns the names and indices of what was added.
 
@@ -123,14 +134,24 @@ def add_file(
     material}, the first that fits; else the file's (MJCF) or the default. motors: one on each joint of one value
     (URDF), the file's (MJCF). self_collision: False: bodies of this file never touch each other. hull_vertices: largest
     number of vertices of a mesh's hull; None: no limit. repair_inertia: inertias that no body can have are mended and
-    not refused.
+    not refused. compliance: what MJCF's solref and solimp become: "file": springs with dampers where the file sets
+    them, rigid where it does not; "rigid": rigid; "all": springs everywhere (docs/robot_files.md).
 
     Raises InvalidInputError naming file, line and element, and what is allowed. What had been added by then stays in
     the builder.
     """
     path = Path(path)
     options = _options(
-        prefix, position, orientation, floating_base, package_dirs, material, motors, hull_vertices, repair_inertia
+        prefix,
+        position,
+        orientation,
+        floating_base,
+        package_dirs,
+        material,
+        motors,
+        hull_vertices,
+        repair_inertia,
+        compliance,
     )
     return _add(builder, _read(path, format), options, self_collision, srdf)
 
@@ -187,14 +208,25 @@ def _options(
     motors: bool,
     hull_vertices: int | None,
     repair_inertia: bool,
+    compliance: Compliance,
 ) -> Options:
+    if compliance not in ("file", "rigid", "all"):
+        raise InvalidInputError(f"compliance: is {compliance!r}, must be 'file', 'rigid' or 'all'")
     if hull_vertices is not None and hull_vertices < 4:
         raise InvalidInputError(f"hull_vertices: is {hull_vertices}, must be at least 4 or None")
     if isinstance(package_dirs, (str, os.PathLike)):
         package_dirs = [package_dirs]
     placement = Placement(_rotation(orientation), _position(position))
     return Options(
-        prefix, placement, floating_base, tuple(package_dirs), material, motors, hull_vertices, repair_inertia
+        prefix,
+        placement,
+        floating_base,
+        tuple(package_dirs),
+        material,
+        motors,
+        hull_vertices,
+        repair_inertia,
+        compliance,
     )
 
 

@@ -7,13 +7,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from signorini.load import mesh
 from signorini.load._placement import Placement, identity
 
 if TYPE_CHECKING:
     from signorini._world import Material, WorldBuilder
+
+
+#: What the numbers of a file that make contacts, limits and equalities soft become: "file": springs where the file sets
+#: them, rigid where it does not; "rigid": rigid all; "all": springs also where the format's defaults count.
+Compliance = Literal["file", "rigid", "all"]
 
 
 @dataclass(frozen=True)
@@ -28,6 +33,7 @@ class Options:
     motors: bool = True
     hull_vertices: int | None = mesh.HULL_VERTICES
     repair_inertia: bool = False
+    compliance: Compliance = "file"
 
     def material_of(self, body: str) -> Material | None:
         """The material asked for the geometries of a body (its name in the file); None: the file's or the default."""

@@ -7,8 +7,7 @@ builder.warn. Which is which, and the rules: docs/robot_files.md. In MuJoCo quat
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
@@ -16,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from signorini._core import InvalidInputError
-from signorini.load import mesh
+from signorini.load import _mjcf_drives, mesh
 from signorini.load._options import Added, Options, Warnings
 from signorini.load._placement import Placement, from_quaternion
 
@@ -27,7 +26,6 @@ Array = npt.NDArray[np.float64]
 Result = TypeVar("Result")
 
 WORLD = "world"
-_SOLREF, _SOLIMP = (0.02, 1.0), (0.9, 0.95, 0.001, 0.5, 2.0)
 #: Flags of <option> that change the physics, by what switching them off does.
 _FLAGS = {
     "mjDSBL_CONSTRAINT": "constraint",
@@ -43,19 +41,19 @@ _FLAGS = {
 }
 #: Arrays over all that differ from their default only when the file asks for something that is not carried over.
 _NOT_CARRIED: tuple[tuple[str, str, str, float], ...] = (
-    ("body", "body_gravcomp", "gravity compensation of bodies", 0.0),
     ("jnt", "jnt_stiffnesspoly", "springs of higher order of joints", 0.0),
     ("jnt", "jnt_springyield", "springs that yield of joints", 0.0),
     ("jnt", "jnt_actgravcomp", "gravity compensation by actuators of joints", 0.0),
     ("jnt", "jnt_margin", "margins of limits of joints", 0.0),
     ("actuator", "actuator_delay", "delays of actuators", 0.0),
-    ("actuator", "actuator_damping", "damping of actuators", 0.0),
     ("actuator", "actuator_dampingpoly", "damping of higher order of actuators", 0.0),
-    ("actuator", "actuator_armature", "armature of actuators", 0.0),
+    ("tendon", "tendon_armature", "armature of tendons", 0.0),
+    ("tendon", "tendon_stiffnesspoly", "springs of higher order of tendons", 0.0),
+    ("tendon", "tendon_dampingpoly", "damping of higher order of tendons", 0.0),
+    ("tendon", "tendon_springyield", "springs that yield of tendons", 0.0),
+    ("tendon", "tendon_margin", "margins of limits of tendons", 0.0),
 )
 _GEOM_NOT_CARRIED: tuple[tuple[str, str, float], ...] = (
-    ("geom_condim", "condim (contacts have 3 dimensions) of geoms", 3.0),
-    ("geom_priority", "priority of geoms", 0.0),
     ("geom_margin", "margin of geoms", 0.0),
     ("geom_gap", "gap of geoms", 0.0),
     ("geom_adhesion", "adhesion of geoms", 0.0),
@@ -135,100 +133,101 @@ class _Adder:
     def __init__(self, builder: WorldBuilder, source: Mjcf, mujoco: Any, options: Options) -> None:
         if options.floating_base is not None:
             raise InvalidInputError(f"{source.path}: floating_base must not be given, MJCF says itself what is free")
-        self._builder, self._source, self._mujoco, self._options = builder, source, mujoco, options
-        self._model = source.model
-        self._warnings = Warnings(source.path)
+        self.builder, self._source, self.mujoco, self.options = builder, source, mujoco, options
+        self.model = source.model
+        self.warnings = Warnings(source.path)
+        self.geometry_of: dict[int, int] = {}  # of a geom
         self._added = Added(source.path)
-        self._bodies, self._joints = source.names("body"), source.names("jnt")
-        self._geoms, self._actuators, self._equalities = (source.names(kind) for kind in ("geom", "actuator", "eq"))
+        self._bodies, self._joints, self._geoms = (source.names(kind) for kind in ("body", "jnt", "geom"))
+        self._losses = _mjcf_drives.drive_losses(self.model, mujoco)
 
     def add(self) -> Added:
-        for body in range(1, self._model.nbody):
+        for body in range(1, self.model.nbody):
             self._add_body(body)
         for geom in self._colliding():
             self._add_geometry(geom)
-        for geom in range(self._model.ngeom):
+        for geom in range(self.model.ngeom):
             self._add_visual(geom)
-        for signature in self._model.exclude_signature:
-            self._builder.exclude(self._body(int(signature) >> 16), self._body(int(signature) & 0xFFFF))
-        if self._options.motors:
-            for actuator in range(self._model.nactuator):
-                reason = self._add_actuator(actuator)
-                if reason:
-                    self._warnings.add(f"actuators that are not carried over, {reason}", self._actuators[actuator])
-        for equality in range(self._model.neq):
-            self._add_equality(equality)
+        for signature in self.model.exclude_signature:
+            self.builder.exclude(self.body(int(signature) >> 16), self.body(int(signature) & 0xFFFF))
+        _mjcf_drives.add(self)
         self._list_the_rest()
-        self._warnings.tell(self._builder)
+        self.warnings.tell(self.builder)
         return self._added
 
     def _fail(self, kind: str, name: str, reason: object) -> NoReturn:
         raise InvalidInputError(f'{self._source.path}: {kind} "{name}": {reason}') from None
 
-    def _call(self, kind: str, name: str, function: Callable[[], Result]) -> Result:
+    def call(self, kind: str, name: str, function: Callable[[], Result]) -> Result:
         try:
             return function()
         except InvalidInputError as error:
             self._fail(kind, name, error)
 
-    def _name(self, name: str) -> str:
-        return self._options.prefix + name
+    def name(self, kind: str, index: int) -> str:
+        """Of an element in the world."""
+        return self.options.prefix + self._source.names(kind)[index]
 
-    def _body(self, body: int) -> str:
-        return WORLD if body == 0 else self._name(self._bodies[body])
+    def body(self, body: int) -> str:
+        return WORLD if body == 0 else self.name("body", body)
 
-    def _placed(self, body: int, position: Array, quaternion: Array) -> Placement:
+    def placed(self, body: int, position: Array, quaternion: Array) -> Placement:
         """In `body`, the world being where the caller put it."""
         placement = Placement(_rotation(quaternion), np.asarray(position, dtype=np.float64))
-        return self._options.placement @ placement if body == 0 else placement
+        return self.options.placement @ placement if body == 0 else placement
 
     # Bodies and joints
 
     def _add_body(self, body: int) -> None:
-        model, name = self._model, self._body(body)
+        model, name = self.model, self.body(body)
         parent = int(model.body_parentid[body])
-        placement = self._placed(parent, model.body_pos[body], model.body_quat[body])
+        placement = self.placed(parent, model.body_pos[body], model.body_quat[body])
         axes = _rotation(model.body_iquat[body])
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         joints = [self._joint(joint) for joint in range(first, first + count)]
-        self._call(
+        self.call(
             "body",
             name,
-            lambda: self._builder.add_body(
+            lambda: self.builder.add_body(
                 name,
-                parent=self._body(parent),
+                parent=self.body(parent),
                 position=placement.position.tolist(),
                 orientation=placement.rotation,
                 joints=joints,
                 mass=float(model.body_mass[body]),
                 center=model.body_ipos[body].tolist(),
                 inertia=axes @ np.diag(model.body_inertia[body]) @ axes.T,
+                gravity_compensation=float(model.body_gravcomp[body]),
             ),
         )
         self._added.bodies.append(name)
         if model.body_mocapid[body] >= 0:
-            self._warnings.add("mocap bodies do not move", name)
+            self.warnings.add("mocap bodies do not move", name)
 
     def _joint(self, joint: int) -> Joint:
         from signorini._world import Joint
 
-        model, types, name = self._model, self._mujoco.mjtJoint, self._name(self._joints[joint])
+        model, types, name = self.model, self.mujoco.mjtJoint, self.name("jnt", joint)
         kind, dof, adr = int(model.jnt_type[joint]), int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
         losses: dict[str, Any] = {
-            "armature": float(model.dof_armature[dof]),
-            "damping": float(model.dof_damping[dof]),
+            "armature": float(model.dof_armature[dof] + self._losses[1][dof]),
+            "damping": float(model.dof_damping[dof] + self._losses[0][dof]),
             "friction": float(model.dof_frictionloss[dof]),
         }
+        held = _mjcf_drives.joint_spring(self, joint)
+        limit: dict[str, Any] = {}
+        if model.jnt_limited[joint]:
+            limit = {"limit_stiffness": held.stiffness, "limit_damping": held.damping}
         if np.any(model.dof_dampingpoly[dof] if hasattr(model, "dof_dampingpoly") else 0.0):
-            self._warnings.add("damping of higher order of joints", name)
+            self.warnings.add("damping of higher order of joints", name)
         if kind in (types.mjJNT_FREE, types.mjJNT_BALL):
             if model.jnt_stiffness[joint] != 0.0:
-                self._warnings.add("springs of free and ball joints", name)
-            if model.jnt_limited[joint]:
-                self._warnings.add("limits of ball joints", name)
+                self.warnings.add("springs of free and ball joints", name)
             if kind == types.mjJNT_FREE:
                 return Joint(name, "free", **losses)
-            return Joint(name, "ball", anchor=model.jnt_pos[joint].tolist(), **losses)
+            largest = float(model.jnt_range[joint].max()) if model.jnt_limited[joint] else math.inf
+            largest = largest if largest < math.pi else math.inf
+            return Joint(name, "ball", anchor=model.jnt_pos[joint].tolist(), upper=largest, **limit, **losses)
         limits = model.jnt_range[joint] if model.jnt_limited[joint] else (-math.inf, math.inf)
         return Joint(
             name,
@@ -240,27 +239,29 @@ class _Adder:
             upper=float(limits[1]),
             stiffness=float(model.jnt_stiffness[joint]),
             spring_reference=float(model.qpos_spring[adr]) if model.jnt_stiffness[joint] != 0.0 else 0.0,
+            **limit,
             **losses,
         )
 
     # Geometries
 
     def _colliding(self) -> list[int]:
-        model = self._model
-        return [geom for geom in range(model.ngeom) if model.geom_contype[geom] or model.geom_conaffinity[geom]]
+        model = self.model
+        paired = {int(geom) for geom in (*model.pair_geom1, *model.pair_geom2)}
+        return [g for g in range(model.ngeom) if model.geom_contype[g] or model.geom_conaffinity[g] or g in paired]
 
     def _add_geometry(self, geom: int) -> None:
-        model = self._model
-        body, name = int(model.geom_bodyid[geom]), self._name(self._geoms[geom])
+        model = self.model
+        body, name = int(model.geom_bodyid[geom]), self.name("geom", geom)
         shape = self._shape(geom)
         if shape is None:
             return
-        placement = self._placed(body, model.geom_pos[geom], model.geom_quat[geom])
-        index = self._call(
+        placement = self.placed(body, model.geom_pos[geom], model.geom_quat[geom])
+        index = self.call(
             "geom",
             name,
-            lambda: self._builder.add_geometry(
-                self._body(body),
+            lambda: self.builder.add_geometry(
+                self.body(body),
                 shape,
                 position=placement.position.tolist(),
                 orientation=placement.rotation,
@@ -270,14 +271,15 @@ class _Adder:
                 mask=int(model.geom_conaffinity[geom]) & 0xFFFFFFFF,
             ),
         )
+        self.geometry_of[geom] = index
         self._added.geometries.append(index)
-        self._added.body_of_geometry[index] = self._body(body)
+        self._added.body_of_geometry[index] = self.body(body)
 
     def _add_visual(self, geom: int) -> None:
         """What MuJoCo's own viewer shows at first: groups 0 to 2."""
         from signorini._visual import TriangleMesh
 
-        model, mj = self._model, self._mujoco
+        model, mj = self.model, self.mujoco
         color = tuple(float(x) for x in self._color(geom))
         if model.geom_group[geom] > 2 or color[3] == 0.0:
             return
@@ -295,9 +297,9 @@ class _Adder:
         if shape is None:
             return
         body = int(model.geom_bodyid[geom])
-        placement = self._placed(body, model.geom_pos[geom], model.geom_quat[geom])
-        self._builder.add_visual(
-            self._body(body),
+        placement = self.placed(body, model.geom_pos[geom], model.geom_quat[geom])
+        self.builder.add_visual(
+            self.body(body),
             shape,
             position=placement.position,
             orientation=placement.rotation,
@@ -306,7 +308,7 @@ class _Adder:
 
     def _color(self, geom: int) -> Array:
         """The geom's own, unless it has the default and a material."""
-        model = self._model
+        model = self.model
         own, material = model.geom_rgba[geom], int(model.geom_matid[geom])
         if material >= 0 and np.allclose(own, (0.5, 0.5, 0.5, 1.0)):
             return np.asarray(model.mat_rgba[material], dtype=np.float64)
@@ -315,13 +317,24 @@ class _Adder:
     def _material(self, geom: int) -> Material:
         from signorini._world import Material
 
-        asked = self._options.material_of(self._bodies[self._model.geom_bodyid[geom]])
-        return asked or Material(friction=float(self._model.geom_friction[geom, 0]))
+        model = self.model
+        asked = self.options.material_of(self._bodies[model.geom_bodyid[geom]])
+        if asked is not None:
+            return asked
+        held = _mjcf_drives.geom_spring(self, geom)
+        return Material(
+            friction=float(model.geom_friction[geom, 0]),
+            stiffness=held.stiffness,
+            damping=held.damping,
+            friction_mix="maximum",
+            frictionless=int(model.geom_condim[geom]) == 1,
+            priority=int(model.geom_priority[geom]),
+        )
 
     def _shape(self, geom: int) -> Shape | None:
         from signorini import _world
 
-        model, types, name = self._model, self._mujoco.mjtGeom, self._geoms[geom]
+        model, types, name = self.model, self.mujoco.mjtGeom, self._geoms[geom]
         kind, size = int(model.geom_type[geom]), [float(x) for x in model.geom_size[geom]]
         if kind == types.mjGEOM_SPHERE:
             return _world.Sphere(size[0])
@@ -339,156 +352,18 @@ class _Adder:
             number = int(model.geom_dataid[geom])
             first, count = int(model.mesh_vertadr[number]), int(model.mesh_vertnum[number])
             vertices = np.asarray(model.mesh_vert[first : first + count], dtype=np.float64)
-            hull = self._call("geom", name, lambda: mesh.convex_hull(vertices, self._options.hull_vertices))
+            hull = self.call("geom", name, lambda: mesh.convex_hull(vertices, self.options.hull_vertices))
             for note in hull.notes:
-                self._warnings.add("meshes", f"of {name} {note}")
+                self.warnings.add("meshes", f"of {name} {note}")
             return _world.Convex(hull.vertices, hull.triangles)
         label = {int(types.mjGEOM_HFIELD): "height fields", int(types.mjGEOM_SDF): "signed distance fields"}
-        self._warnings.add(f"{label.get(int(kind), f'geoms of type {int(kind)}')} do not collide", name)
+        self.warnings.add(f"{label.get(int(kind), f'geoms of type {int(kind)}')} do not collide", name)
         return None
-
-    # Actuators
-
-    def _add_actuator(self, actuator: int) -> str | None:
-        """Adds one; or returns why it has no equal here."""
-        model, mj = self._model, self._mujoco
-        transmission = int(model.actuator_trntype[actuator])
-        if transmission not in (mj.mjtTrn.mjTRN_JOINT, mj.mjtTrn.mjTRN_JOINTINPARENT):
-            return "they act on no joint"
-        dynamics, gain, bias = (
-            int(getattr(model, f"actuator_{name}type")[actuator]) for name in ("dyn", "gain", "bias")
-        )
-        if dynamics != mj.mjtDyn.mjDYN_NONE:
-            return "they have a state of their own"
-        if gain != mj.mjtGain.mjGAIN_FIXED or bias not in (mj.mjtBias.mjBIAS_NONE, mj.mjtBias.mjBIAS_AFFINE):
-            return "their force is no affine function"
-        if any(int(getattr(model, f"actuator_{name}num", np.ones(model.nu))[actuator]) > 1 for name in ("ctrl", "out")):
-            return "they have several controls"
-        joint = int(model.actuator_trnid[actuator, 0])
-        component, gear = self._component(joint, transmission, model.actuator_gear[actuator])
-        if component is None:
-            return "their gear turns several axes, or none, or pushes a free body"
-        factor = float(model.actuator_gainprm[actuator, 0])
-        offset, slope, rate = model.actuator_biasprm[actuator, :3] if bias else (0.0, 0.0, 0.0)
-        control, force = self._ranges(actuator, joint, gear)
-        name, target = self._name(self._actuators[actuator]), self._name(self._joints[joint])
-        common: dict[str, Any] = {"control_range": control}
-        one_value = int(model.jnt_type[joint]) in (mj.mjtJoint.mjJNT_SLIDE, mj.mjtJoint.mjJNT_HINGE)
-        if offset == slope == rate == 0.0 and factor != 0.0:
-            scaled = sorted((force[0] / factor, force[1] / factor))
-            common |= {"component": component, "gear": gear * factor, "force_range": (scaled[0], scaled[1])}
-            add = partial(self._builder.add_motor, name, target, **common)
-        elif one_value and offset == 0.0 and slope == -factor and factor > 0.0 and rate <= 0.0:
-            common |= {"kp": factor, "kv": -float(rate), "gear": gear, "force_range": force}
-            add = partial(self._builder.add_position_actuator, name, target, **common)
-        elif one_value and offset == slope == 0.0 and rate == -factor and factor > 0.0:
-            common |= {"kv": factor, "gear": gear, "force_range": force}
-            add = partial(self._builder.add_velocity_actuator, name, target, **common)
-        else:
-            return "they are no motor, position or velocity actuator"
-        self._call("actuator", name, add)
-        return None
-
-    def _component(self, joint: int, transmission: int, gear: Array) -> tuple[int | None, float]:
-        """Which velocity of the joint is driven, and by what gear."""
-        types = self._mujoco.mjtJoint
-        kind = int(self._model.jnt_type[joint])
-        if kind in (types.mjJNT_HINGE, types.mjJNT_SLIDE):
-            return (0, float(gear[0])) if gear[0] != 0.0 else (None, 0.0)
-        used = np.flatnonzero(gear[: 3 if kind == types.mjJNT_BALL else 6])
-        in_child = transmission == self._mujoco.mjtTrn.mjTRN_JOINT
-        if len(used) != 1 or not in_child or (kind == types.mjJNT_FREE and used[0] < 3):
-            return None, 0.0  # MuJoCo pushes free bodies along the axes of the world
-        return int(used[0]), float(gear[used[0]])
-
-    def _ranges(self, actuator: int, joint: int, gear: float) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Of the control, and of the force before the gear; the joint's own range of force counts where one actuator
-        drives it alone."""
-        model = self._model
-        control, force = (-math.inf, math.inf), (-math.inf, math.inf)
-        if model.actuator_ctrllimited[actuator]:
-            control = float(model.actuator_ctrlrange[actuator, 0]), float(model.actuator_ctrlrange[actuator, 1])
-        if model.actuator_forcelimited[actuator]:
-            force = float(model.actuator_forcerange[actuator, 0]), float(model.actuator_forcerange[actuator, 1])
-        if model.jnt_actfrclimited[joint]:
-            on_joint = (model.actuator_trntype <= 1) & (model.actuator_trnid[:, 0] == joint)
-            if on_joint.sum() == 1:
-                low, high = sorted(float(x) / gear for x in model.jnt_actfrcrange[joint])
-                force = max(force[0], low), min(force[1], high)
-            else:
-                self._warnings.add("actuatorfrcrange of joints that several actuators drive", self._joints[joint])
-        return control, force
-
-    # Equalities
-
-    def _add_equality(self, equality: int) -> None:
-        model, types, name = self._model, self._mujoco.mjtEq, self._name(self._equalities[equality])
-        kind, data = int(model.eq_type[equality]), np.asarray(model.eq_data[equality], dtype=np.float64)
-        first, second = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
-        if not model.eq_active0[equality]:
-            self._warnings.add("equalities that are not active at the start", name)
-            return
-        self._soft("equality constraints are rigid here; solref, solimp of", "eq", equality, name)
-        if kind in (types.mjEQ_CONNECT, types.mjEQ_WELD):
-            body_a, a, body_b, b = self._ends(equality, kind, data, first, second)
-            if kind == types.mjEQ_CONNECT:
-                points = a.position.tolist(), b.position.tolist()
-                add = partial(self._builder.add_connect, body_a, body_b, *points, name=name)
-            else:
-                add = partial(
-                    self._builder.add_weld,
-                    body_a,
-                    body_b,
-                    position_a=a.position.tolist(),
-                    orientation_a=a.rotation,
-                    position_b=b.position.tolist(),
-                    orientation_b=b.rotation,
-                    name=name,
-                )
-        elif kind == types.mjEQ_JOINT:
-            add = partial(
-                self._builder.add_coupling,
-                self._name(self._joints[first]),
-                self._name(self._joints[second]) if second >= 0 else None,
-                data[:5].tolist(),
-                reference=float(model.qpos0[model.jnt_qposadr[first]]),
-                driver_reference=float(model.qpos0[model.jnt_qposadr[second]]) if second >= 0 else 0.0,
-                name=name,
-            )
-        else:
-            self._warnings.add("equalities other than connect, weld and joint", name)
-            return
-        self._call("equality", name, add)
-
-    def _ends(
-        self, equality: int, kind: int, data: Array, first: int, second: int
-    ) -> tuple[str, Placement, str, Placement]:
-        """Of a connect or weld: two bodies and a frame in each."""
-        model, mj = self._model, self._mujoco
-        if int(model.eq_objtype[equality]) == mj.mjtObj.mjOBJ_SITE:
-            bodies = [int(model.site_bodyid[site]) for site in (first, second)]
-            ends = [
-                self._placed(body, model.site_pos[site], model.site_quat[site])
-                for body, site in zip(bodies, (first, second), strict=True)
-            ]
-        else:
-            bodies = [first, second]
-            identity = np.array([1.0, 0.0, 0.0, 0.0])
-            if kind == mj.mjtEq.mjEQ_CONNECT:
-                ends = [self._placed(first, data[:3], identity), self._placed(second, data[3:6], identity)]
-            else:  # the point data[3:6] of body 1 is data[:3] of body 2, whose axes are data[6:10] in body 1
-                ends = [self._placed(first, data[3:6], data[6:10]), self._placed(second, data[:3], identity)]
-        return self._body(bodies[0]), ends[0], self._body(bodies[1]), ends[1]
 
     # What is not carried over
 
-    def _soft(self, reason: str, kind: str, index: int, name: str) -> None:
-        solref, solimp = getattr(self._model, f"{kind}_solref")[index], getattr(self._model, f"{kind}_solimp")[index]
-        if not (np.allclose(solref, _SOLREF) and np.allclose(solimp, _SOLIMP)):
-            self._warnings.add(reason, name)
-
     def _list_the_rest(self) -> None:
-        model, warnings = self._model, self._warnings
+        model, warnings = self.model, self.warnings
         colliding = self._colliding()
         for kind, array, label, default in _NOT_CARRIED:
             for index in _unlike(model, array, default):
@@ -498,43 +373,25 @@ class _Adder:
                 if index in colliding:
                     warnings.add(f"not carried over: {label}", self._geoms[index])
         for geom in colliding:
-            self._soft("contacts are rigid here; solref, solimp of geoms", "geom", geom, self._geoms[geom])
-        for joint in range(model.njnt):
-            if model.jnt_limited[joint]:
-                self._soft("limits are rigid here; solref, solimp of joints", "jnt", joint, self._joints[joint])
-        frictions = sorted({float(f"{model.geom_friction[geom, 0]:.6g}") for geom in colliding})
-        if len(frictions) > 1 and self._options.material is None:
-            listed = [f"{friction:g}" for friction in frictions]
-            warnings.add("a contact's friction is sqrt(a b) here, max(a, b) in MuJoCo; the geoms have", *listed)
-        for count, label in (
-            ("ntendon", "tendons"),
-            ("nflex", "flexes"),
-            ("nplugin", "plugins"),
-            ("npair", "contact pairs with parameters of their own"),
-        ):
+            if model.geom_condim[geom] > 3:
+                warnings.add("torsional and rolling friction (condim 4, 6) of geoms", self._geoms[geom])
+        for count, label in (("nflex", "flexes"), ("nplugin", "plugins")):
             if getattr(model, count, 0):
-                warnings.add(f"not carried over: {getattr(model, count)} {label}", *self._listed(count))
+                warnings.add(f"not carried over: {getattr(model, count)} {label}")
         self._list_options()
 
-    def _listed(self, count: str) -> Iterator[str]:
-        if count == "npair":
-            for a, b in zip(self._model.pair_geom1, self._model.pair_geom2, strict=True):
-                yield f"{self._geoms[a]} with {self._geoms[b]}"
-        elif count == "ntendon":
-            yield from self._source.names("tendon")
-
     def _list_options(self) -> None:
-        model, mj = self._model, self._mujoco
+        model, mj = self.model, self.mujoco
         for flag, label in _FLAGS.items():
             if model.opt.disableflags & int(getattr(mj.mjtDisableBit, flag)):
-                self._warnings.add("option flags that are not carried over", f'{label}="disable"')
+                self.warnings.add("option flags that are not carried over", f'{label}="disable"')
         if model.opt.enableflags & int(mj.mjtEnableBit.mjENBL_OVERRIDE):
-            self._warnings.add("option flags that are not carried over", 'override="enable"')
+            self.warnings.add("option flags that are not carried over", 'override="enable"')
         fluid = [name for name in ("density", "viscosity") if getattr(model.opt, name) != 0.0]
         if fluid:
-            self._warnings.add("the medium has no drag here; options", *fluid)
+            self.warnings.add("the medium has no drag here; options", *fluid)
         if np.any(model.opt.wind):
-            self._warnings.add("the medium has no drag here; options", "wind")
+            self.warnings.add("the medium has no drag here; options", "wind")
 
 
 def _rotation(quaternion: Array) -> Array:

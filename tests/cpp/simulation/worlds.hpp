@@ -81,10 +81,9 @@ inline std::shared_ptr<const World> busy_world() {
   }
   Actuator drive;
   drive.name = "drive";
-  drive.type = ActuatorType::Position;
   drive.joint = builder.find_joint("hinge0");
-  drive.kp = 20.0;
-  drive.kv = 1.0;
+  drive.gain = {20.0, 0.0, 0.0};
+  drive.bias = {0.0, -20.0, -1.0};
   builder.add_actuator(drive);
   return builder.build();
 }
