@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Protocol
 
@@ -56,6 +57,7 @@ def load(
     exclude_overlapping: bool | Callable[[World], npt.ArrayLike] | None = None,
     hull_vertices: int | None = mesh.HULL_VERTICES,
     repair_inertia: bool = False,
+    decompose: bool | str | Iterable[str] = False,
     builder: WorldBuilder | None = None,
 ) -> World:
     """Builds a world from a robot file (URDF, MJCF).
@@ -72,7 +74,16 @@ def load(
     path = Path(path)
     format = format or file_format(path)
     options = _options(
-        prefix, position, orientation, floating_base, package_dirs, material, motors, hull_vertices, repair_inertia
+        prefix,
+        position,
+        orientation,
+        floating_base,
+        package_dirs,
+        material,
+        motors,
+        hull_vertices,
+        repair_inertia,
+        decompose,
     )
     source = _read(path, format)
     if builder is None:
@@ -113,6 +124,7 @@ def add_file(
     self_collision: bool = True,
     hull_vertices: int | None = mesh.HULL_VERTICES,
     repair_inertia: bool = False,
+    decompose: bool | str | Iterable[str] = False,
 ) -> Added:
     """Adds what is in a robot file to a builder; returns the names and indices of what was added.
 
@@ -123,14 +135,24 @@ def add_file(
     material}, the first that fits; else the file's (MJCF) or the default. motors: one on each joint of one value
     (URDF), the file's (MJCF). self_collision: False: bodies of this file never touch each other. hull_vertices: largest
     number of vertices of a mesh's hull; None: no limit. repair_inertia: inertias that no body can have are mended and
-    not refused.
+    not refused. decompose: concave meshes, of all bodies or of those of this name, pattern or list, become several
+    convex pieces, "name_0", "name_1", ...; ImportError without the package coacd.
 
     Raises InvalidInputError naming file, line and element, and what is allowed. What had been added by then stays in
     the builder.
     """
     path = Path(path)
     options = _options(
-        prefix, position, orientation, floating_base, package_dirs, material, motors, hull_vertices, repair_inertia
+        prefix,
+        position,
+        orientation,
+        floating_base,
+        package_dirs,
+        material,
+        motors,
+        hull_vertices,
+        repair_inertia,
+        decompose,
     )
     return _add(builder, _read(path, format), options, self_collision, srdf)
 
@@ -187,14 +209,26 @@ def _options(
     motors: bool,
     hull_vertices: int | None,
     repair_inertia: bool,
+    decompose: bool | str | Iterable[str],
 ) -> Options:
     if hull_vertices is not None and hull_vertices < 4:
         raise InvalidInputError(f"hull_vertices: is {hull_vertices}, must be at least 4 or None")
     if isinstance(package_dirs, (str, os.PathLike)):
         package_dirs = [package_dirs]
+    patterns = (
+        decompose if isinstance(decompose, bool) else (decompose,) if isinstance(decompose, str) else tuple(decompose)
+    )
     placement = Placement(_rotation(orientation), _position(position))
     return Options(
-        prefix, placement, floating_base, tuple(package_dirs), material, motors, hull_vertices, repair_inertia
+        prefix,
+        placement,
+        floating_base,
+        tuple(package_dirs),
+        material,
+        motors,
+        hull_vertices,
+        repair_inertia,
+        patterns,
     )
 
 
@@ -240,6 +274,10 @@ def _add(
     builder: WorldBuilder, source: _Source, options: Options, self_collision: bool, srdf: PathLike | None
 ) -> Added:
     added = source.add(builder, options)
+    for pattern in () if isinstance(options.decompose, bool) else options.decompose:
+        names = ["world", *(body.removeprefix(options.prefix) for body in added.bodies)]
+        if not any(fnmatchcase(name, pattern) for name in names):
+            raise InvalidInputError(f"decompose: is {pattern!r}, no body of {added.file.name} is called so")
     theirs, ours = source.gravity, getattr(builder, "gravity", None)
     if theirs is not None and ours is not None and not np.allclose(theirs, ours):
         builder.warn(f"{added.file.name}: gravity is {theirs} there, and {tuple(ours)} in this world")

@@ -252,10 +252,21 @@ class _Adder:
     def _add_geometry(self, geom: int) -> None:
         model = self._model
         body, name = int(model.geom_bodyid[geom]), self._name(self._geoms[geom])
-        shape = self._shape(geom)
-        if shape is None:
-            return
         placement = self._placed(body, model.geom_pos[geom], model.geom_quat[geom])
+        if model.geom_type[geom] == self._mujoco.mjtGeom.mjGEOM_MESH:
+            hulls = self._mesh_hulls(geom)
+            for part, hull in enumerate(hulls):
+                shape, inner = mesh.shape(hull)
+                part_name = name if len(hulls) == 1 else f"{name}_{part}"
+                self._added.hulls[self._add_shape(geom, shape, placement @ inner, part_name)] = hull
+            return
+        other = self._shape(geom)
+        if other is not None:
+            self._add_shape(geom, other, placement, name)
+
+    def _add_shape(self, geom: int, shape: Shape, placement: Placement, name: str) -> int:
+        model = self._model
+        body = int(model.geom_bodyid[geom])
         index = self._call(
             "geom",
             name,
@@ -272,6 +283,18 @@ class _Adder:
         )
         self._added.geometries.append(index)
         self._added.body_of_geometry[index] = self._body(body)
+        return index
+
+    def _mesh_hulls(self, geom: int) -> list[mesh.Hull]:
+        model, number, name = self._model, int(self._model.geom_dataid[geom]), self._geoms[geom]
+        first, count = int(model.mesh_vertadr[number]), int(model.mesh_vertnum[number])
+        face, faces = int(model.mesh_faceadr[number]), int(model.mesh_facenum[number])
+        vertices = np.asarray(model.mesh_vert[first : first + count], dtype=np.float64)
+        solid = mesh.Mesh(vertices, np.asarray(model.mesh_face[face : face + faces], dtype=np.int64))
+        split = self._options.splits(self._bodies[model.geom_bodyid[geom]])
+        hulls = self._call("geom", name, lambda: mesh.hulls(solid, self._options.hull_vertices, split))
+        self._warnings.add_hulls(f"of {name}", hulls)
+        return hulls
 
     def _add_visual(self, geom: int) -> None:
         """What MuJoCo's own viewer shows at first: groups 0 to 2."""
@@ -335,14 +358,6 @@ class _Adder:
             return _world.Ellipsoid((size[0], size[1], size[2]))
         if kind == types.mjGEOM_PLANE:
             return _world.HalfSpace()
-        if kind == types.mjGEOM_MESH:
-            number = int(model.geom_dataid[geom])
-            first, count = int(model.mesh_vertadr[number]), int(model.mesh_vertnum[number])
-            vertices = np.asarray(model.mesh_vert[first : first + count], dtype=np.float64)
-            hull = self._call("geom", name, lambda: mesh.convex_hull(vertices, self._options.hull_vertices))
-            for note in hull.notes:
-                self._warnings.add("meshes", f"of {name} {note}")
-            return _world.Convex(hull.vertices, hull.triangles)
         label = {int(types.mjGEOM_HFIELD): "height fields", int(types.mjGEOM_SDF): "signed distance fields"}
         self._warnings.add(f"{label.get(int(kind), f'geoms of type {int(kind)}')} do not collide", name)
         return None
