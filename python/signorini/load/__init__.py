@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Protocol
@@ -71,8 +72,6 @@ def load(
     What a file asks for and the world does not have is listed in world.warnings. Raises InvalidInputError naming file,
     line and element, and what is allowed.
     """
-    path = Path(path)
-    format = format or file_format(path)
     options = _options(
         prefix,
         position,
@@ -85,6 +84,46 @@ def load(
         repair_inertia,
         decompose,
     )
+    height = None if ground is False else 0.0 if ground is True else float(ground)
+    loaded = assemble(
+        Path(path),
+        options,
+        format=format,
+        height=height,
+        gravity=gravity,
+        srdf=srdf,
+        ground_material=ground_material,
+        self_collision=self_collision,
+        exclude_overlapping=exclude_overlapping,
+        builder=builder,
+    )
+    return loaded.world
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A world, what it was built by, and what the file added to that."""
+
+    world: World
+    builder: WorldBuilder
+    added: Added
+
+
+def assemble(
+    path: Path,
+    options: Options,
+    *,
+    format: Format | None = None,
+    height: float | None = None,
+    gravity: Sequence[float] | None = None,
+    srdf: PathLike | None = None,
+    ground_material: Material | None = None,
+    self_collision: bool = True,
+    exclude_overlapping: bool | Callable[[World], npt.ArrayLike] | None = None,
+    builder: WorldBuilder | None = None,
+) -> Loaded:
+    """load() for those who need the builder too. height: of the ground [m]; None: no ground."""
+    format = format or file_format(path)
     source = _read(path, format)
     if builder is None:
         from signorini._world import WorldBuilder
@@ -93,19 +132,18 @@ def load(
     elif gravity is not None:
         raise InvalidInputError("gravity: must not be given together with a builder, which has its own")
     added = _add(builder, source, options, self_collision, srdf)
-    if ground is not False:
-        builder.add_ground(ground_material, 0.0 if ground is True else float(ground))
+    if height is not None:
+        builder.add_ground(ground_material, height)
     if exclude_overlapping is None:
         exclude_overlapping = format == "urdf"
     world = _build(builder, path)
-    if exclude_overlapping is False:
-        return world
-    configurations = [world.initial_q]
-    if callable(exclude_overlapping):
-        configurations.append(np.asarray(exclude_overlapping(world), dtype=np.float64))
-    if not exclude_overlapping_pairs(builder, world, [added], configurations):
-        return world
-    return _build(builder, path)
+    if exclude_overlapping is not False:
+        configurations = [world.initial_q]
+        if callable(exclude_overlapping):
+            configurations.append(np.asarray(exclude_overlapping(world), dtype=np.float64))
+        if exclude_overlapping_pairs(builder, world, [added], configurations):
+            world = _build(builder, path)
+    return Loaded(world, builder, added)
 
 
 def add_file(
