@@ -98,7 +98,9 @@ def test_the_floor_just_touches(tmp_path, name):
         path, options = mjcf(tmp_path, f'<body pos="0 0 1" euler="10 0 0"><freejoint/>{geom}</body>'), []
     else:
         place = '<origin xyz="0.1 -0.2 0.3" rpy="0.7 -1.1 0.3"/>'
-        path, options = urdf(tmp_path, link(shape=SHAPES[name], place=place)), ["--floating"]
+        base = link(shape='<sphere radius="0.01"/>', place='<origin xyz="0 0 3"/>')
+        path = urdf(tmp_path, base, link("tip", SHAPES[name], place=place), joint("tip", '1 2 -3" rpy="0.5 -0.4 2'))
+        options = ["--floating"]
     height = checked(path, "--ground", *options)["ground_m"]
     world = signorini.load(path, floating_base=True if options else None, ground=height)
     ((_, _, distance),) = world.touching_pairs(margin=1e-3)
