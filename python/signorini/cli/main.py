@@ -5,12 +5,13 @@ from typing import Annotated
 import typer
 
 import signorini
-from signorini.cli import experiment, run, solve
+from signorini.cli import check, experiment, run, solve
 
 app = typer.Typer(
     help="Robots and contact, simulated; every step certified.", no_args_is_help=True, add_completion=False
 )
 app.command(name="run")(run.run)
+app.command(name="check")(check.check)
 app.command(name="replay")(run.replay)
 app.command(name="scenes")(run.list_scenes)
 app.command(name="solve")(solve.solve)

@@ -16,6 +16,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Protocol
 
@@ -57,6 +59,7 @@ def load(
     hull_vertices: int | None = mesh.HULL_VERTICES,
     repair_inertia: bool = False,
     compliance: Compliance = "file",
+    decompose: bool | str | Iterable[str] = False,
     builder: WorldBuilder | None = None,
 ) -> World:
     """Builds a world from a robot file (URDF, MJCF).
@@ -70,8 +73,6 @@ def load(
     What a file asks for and the world does not have is listed in world.warnings. Raises InvalidInputError naming file,
     line and element, and what is allowed.
     """
-    path = Path(path)
-    format = format or file_format(path)
     options = _options(
         prefix,
         position,
@@ -83,7 +84,48 @@ def load(
         hull_vertices,
         repair_inertia,
         compliance,
+        decompose,
     )
+    height = None if ground is False else 0.0 if ground is True else float(ground)
+    loaded = assemble(
+        Path(path),
+        options,
+        format=format,
+        height=height,
+        gravity=gravity,
+        srdf=srdf,
+        ground_material=ground_material,
+        self_collision=self_collision,
+        exclude_overlapping=exclude_overlapping,
+        builder=builder,
+    )
+    return loaded.world
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A world, what it was built by, and what the file added to that."""
+
+    world: World
+    builder: WorldBuilder
+    added: Added
+
+
+def assemble(
+    path: Path,
+    options: Options,
+    *,
+    format: Format | None = None,
+    height: float | None = None,
+    gravity: Sequence[float] | None = None,
+    srdf: PathLike | None = None,
+    ground_material: Material | None = None,
+    self_collision: bool = True,
+    exclude_overlapping: bool | Callable[[World], npt.ArrayLike] | None = None,
+    builder: WorldBuilder | None = None,
+) -> Loaded:
+    """load() for those who need the builder too. height: of the ground [m]; None: no ground."""
+    format = format or file_format(path)
     source = _read(path, format)
     if builder is None:
         from signorini._world import WorldBuilder
@@ -92,19 +134,18 @@ def load(
     elif gravity is not None:
         raise InvalidInputError("gravity: must not be given together with a builder, which has its own")
     added = _add(builder, source, options, self_collision, srdf)
-    if ground is not False:
-        builder.add_ground(ground_material, 0.0 if ground is True else float(ground))
+    if height is not None:
+        builder.add_ground(ground_material, height)
     if exclude_overlapping is None:
         exclude_overlapping = format == "urdf"
     world = _build(builder, path)
-    if exclude_overlapping is False:
-        return world
-    configurations = [world.initial_q]
-    if callable(exclude_overlapping):
-        configurations.append(np.asarray(exclude_overlapping(world), dtype=np.float64))
-    if not exclude_overlapping_pairs(builder, world, [added], configurations):
-        return world
-    return _build(builder, path)
+    if exclude_overlapping is not False:
+        configurations = [world.initial_q]
+        if callable(exclude_overlapping):
+            configurations.append(np.asarray(exclude_overlapping(world), dtype=np.float64))
+        if exclude_overlapping_pairs(builder, world, [added], configurations):
+            world = _build(builder, path)
+    return Loaded(world, builder, added)
 
 
 def add_file(
@@ -124,6 +165,7 @@ def add_file(
     hull_vertices: int | None = mesh.HULL_VERTICES,
     repair_inertia: bool = False,
     compliance: Compliance = "file",
+    decompose: bool | str | Iterable[str] = False,
 ) -> Added:
     """Adds what is in a robot file to a builder; returns the names and indices of what was added.
 
@@ -135,7 +177,9 @@ def add_file(
     (URDF), the file's (MJCF). self_collision: False: bodies of this file never touch each other. hull_vertices: largest
     number of vertices of a mesh's hull; None: no limit. repair_inertia: inertias that no body can have are mended and
     not refused. compliance: what MJCF's solref and solimp become: "file": springs with dampers where the file sets
-    them, rigid where it does not; "rigid": rigid; "all": springs everywhere (docs/robot_files.md).
+    them, rigid where it does not; "rigid": rigid; "all": springs everywhere (docs/robot_files.md). decompose: concave
+    meshes, of all bodies or of those of this name, pattern or list, become several convex pieces, "name_0", "name_1",
+    ...; ImportError without the package coacd.
 
     Raises InvalidInputError naming file, line and element, and what is allowed. What had been added by then stays in
     the builder.
@@ -152,6 +196,7 @@ def add_file(
         hull_vertices,
         repair_inertia,
         compliance,
+        decompose,
     )
     return _add(builder, _read(path, format), options, self_collision, srdf)
 
@@ -209,6 +254,7 @@ def _options(
     hull_vertices: int | None,
     repair_inertia: bool,
     compliance: Compliance,
+    decompose: bool | str | Iterable[str],
 ) -> Options:
     if compliance not in ("file", "rigid", "all"):
         raise InvalidInputError(f"compliance: is {compliance!r}, must be 'file', 'rigid' or 'all'")
@@ -216,6 +262,9 @@ def _options(
         raise InvalidInputError(f"hull_vertices: is {hull_vertices}, must be at least 4 or None")
     if isinstance(package_dirs, (str, os.PathLike)):
         package_dirs = [package_dirs]
+    patterns = (
+        decompose if isinstance(decompose, bool) else (decompose,) if isinstance(decompose, str) else tuple(decompose)
+    )
     placement = Placement(_rotation(orientation), _position(position))
     return Options(
         prefix,
@@ -227,6 +276,7 @@ def _options(
         hull_vertices,
         repair_inertia,
         compliance,
+        patterns,
     )
 
 
@@ -272,6 +322,10 @@ def _add(
     builder: WorldBuilder, source: _Source, options: Options, self_collision: bool, srdf: PathLike | None
 ) -> Added:
     added = source.add(builder, options)
+    for pattern in () if isinstance(options.decompose, bool) else options.decompose:
+        names = ["world", *(body.removeprefix(options.prefix) for body in added.bodies)]
+        if not any(fnmatchcase(name, pattern) for name in names):
+            raise InvalidInputError(f"decompose: is {pattern!r}, no body of {added.file.name} is called so")
     theirs, ours = source.gravity, getattr(builder, "gravity", None)
     if theirs is not None and ours is not None and not np.allclose(theirs, ours):
         builder.warn(f"{added.file.name}: gravity is {theirs} there, and {tuple(ours)} in this world")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -30,7 +31,7 @@ class Source(Protocol):
     mujoco: Any
     options: Options
     warnings: Warnings
-    geometry_of: dict[int, int]
+    geometries_of: dict[int, list[int]]
 
     def name(self, kind: str, index: int) -> str: ...
     def body(self, body: int) -> str: ...
@@ -342,7 +343,7 @@ class _Drives:
         model = self._model
         geoms = int(model.pair_geom1[pair]), int(model.pair_geom2[pair])
         name = " with ".join(self._source.name("geom", geom) for geom in geoms)
-        if any(geom not in self._source.geometry_of for geom in geoms):
+        if any(geom not in self._source.geometries_of for geom in geoms):
             self._warnings.add("contact pairs of geoms that do not collide", name)
             return
         dimensions, friction = int(model.pair_dim[pair]), model.pair_friction[pair]
@@ -361,8 +362,8 @@ class _Drives:
         )
         if isinstance(asked, Material):
             material = asked
-        a, b = (self._source.geometry_of[geom] for geom in geoms)
-        self._source.call("pair", name, lambda: self._builder.set_pair_material(a, b, material))
+        for a, b in product(*(self._source.geometries_of[geom] for geom in geoms)):
+            self._builder.set_pair_material(a, b, material)
 
 
 def _pair(values: Any) -> Range:

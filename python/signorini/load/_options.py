@@ -34,6 +34,7 @@ class Options:
     hull_vertices: int | None = mesh.HULL_VERTICES
     repair_inertia: bool = False
     compliance: Compliance = "file"
+    decompose: bool | Sequence[str] = False
 
     def material_of(self, body: str) -> Material | None:
         """The material asked for the geometries of a body (its name in the file); None: the file's or the default."""
@@ -42,15 +43,24 @@ class Options:
             return next(found, None)
         return self.material
 
+    def splits(self, body: str) -> bool:
+        """Whether concave meshes of a body (its name in the file) are decomposed."""
+        if isinstance(self.decompose, bool):
+            return self.decompose
+        return any(fnmatchcase(body, pattern) for pattern in self.decompose)
+
 
 @dataclass
 class Added:
-    """What one file put into a builder: bodies and geometries by name in the world and index."""
+    """What one file put into a builder: bodies and geometries by name in the world and index; hulls: what the meshes
+    among them became; mended: bodies whose inertia in the file no body can have."""
 
     file: Path
     bodies: list[str] = field(default_factory=list)
     geometries: list[int] = field(default_factory=list)
     body_of_geometry: dict[int, str] = field(default_factory=dict)
+    hulls: dict[int, mesh.Hull] = field(default_factory=dict)
+    mended: list[str] = field(default_factory=list)
 
 
 class Warnings:
@@ -62,6 +72,15 @@ class Warnings:
 
     def add(self, reason: str, *names: str) -> None:
         self._names[reason].extend(names)
+
+    def add_hulls(self, name: str, hulls: Sequence[mesh.Hull]) -> None:
+        """What there is to say about the hulls of one mesh."""
+        for note in hulls[0].notes:
+            self.add("meshes", f"{name} {note}")
+        added = hulls[0].added
+        if len(hulls) == 1 and added is not None and added > mesh.MUCH:
+            reason = f"hulls that add more than {mesh.MUCH:.0%} to the volume of their mesh (decompose= splits them)"
+            self.add(reason, f"{name} ({added:.0%})")
 
     def tell(self, builder: WorldBuilder) -> None:
         for reason, names in self._names.items():

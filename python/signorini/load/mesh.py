@@ -1,25 +1,33 @@
-"""Mesh files (STL, OBJ, PLY, Collada) -> points -> a convex hull with few vertices.
+"""Mesh files (STL, OBJ, PLY, Collada) -> points and triangles -> a convex hull with few vertices, or several.
 
-Only positions are read: what collides is the hull. Readers are bounded in time and memory by the size of the file.
+Readers are bounded in time and memory by the size of the file.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
+import struct
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
 from signorini._core import InvalidInputError
 from signorini.load import _xml
+from signorini.load._placement import Placement, identity
+
+if TYPE_CHECKING:
+    from signorini._world import Shape
 
 Array = npt.NDArray[np.float64]
 Triangles = npt.NDArray[np.int32]
+Indices = npt.NDArray[np.int64]
 
 MAX_BYTES = 512 * 2**20
 MAX_POINTS = 20_000_000
@@ -29,23 +37,52 @@ HULL_VERTICES = 256
 THICKNESS = 1e-3
 _FLAT = 1e-6  # of the largest extent
 _CHUNK = 4096  # points at a time, to bound memory
+#: A hull is the box that its corners are within this share of their distance from the origin: files have few digits.
+BOX = 1e-6
+#: Volume that the hull of a mesh adds, as a share: up to here the mesh is convex, from here on it is said.
+CONVEX, MUCH = 0.01, 0.2
 #: Extents [m] beyond which a mesh is probably not in metres.
 LARGE, SMALL = 50.0, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
+class Mesh:
+    """points: (n, 3); triangles: (m, 3), indices of points; None: the file has none, or they are of a kind that is not
+    read. STL: three points a triangle."""
+
+    points: Array
+    triangles: Indices | None = None
+
+    def scaled(self, scale: Array) -> Mesh:
+        """scale: (3,); triangles go on winding as they did."""
+        triangles = self.triangles
+        if triangles is not None and np.prod(scale) < 0.0:
+            triangles = triangles[:, ::-1]
+        return Mesh(self.points * scale, triangles)
+
+
+@dataclass(frozen=True, eq=False)
 class Hull:
     """vertices: (n, 3) [m]; triangles: (m, 3), winding outwards; volume_share: of the full hull, in (0, 1];
-    notes: what was done to it, for a person."""
+    notes: what was done to it, for a person. volume: what it encloses [m^3]; mesh_volume: what the mesh does, None
+    where that is not closed; mesh_points: how many the mesh has."""
 
     vertices: Array
     triangles: Triangles
     volume_share: float = 1.0
     notes: tuple[str, ...] = ()
+    volume: float = 0.0
+    mesh_volume: float | None = None
+    mesh_points: int = 0
+
+    @property
+    def added(self) -> float | None:
+        """Volume that the hull adds, as a share of the mesh's; None where the mesh is not closed."""
+        return None if self.mesh_volume is None else self.volume / self.mesh_volume - 1.0
 
 
-def read_points(path: Path) -> Array:
-    """The vertices of a mesh file, (n, 3), in the file's own unit (Collada: in metres).
+def read(path: Path) -> Mesh:
+    """A mesh file in its own unit (Collada: in metres).
 
     Raises InvalidInputError naming the file and what is wrong with it.
     """
@@ -58,9 +95,10 @@ def read_points(path: Path) -> Array:
         size = path.stat().st_size
         if size > MAX_BYTES:
             _fail(path, f"has {size} bytes, at most {MAX_BYTES} are read")
-        points = reader(path)
+        mesh = reader(path)
     except OSError as error:
         _fail(path, f"cannot be read: {error.strerror}")
+    points = mesh.points
     if not len(points):
         _fail(path, "has no vertices")
     if len(points) > MAX_POINTS:
@@ -69,11 +107,55 @@ def read_points(path: Path) -> Array:
         _fail(path, "has a vertex that is not finite")
     if np.abs(points).max() > 1e9:
         _fail(path, f"has a vertex at {np.abs(points).max():g}, must be within 1e9 of the origin")
-    return points
+    return mesh
 
 
-def convex_hull(points: Array, max_vertices: int | None = HULL_VERTICES) -> Hull:
-    """The convex hull of points, (n, 3) [m], with at most max_vertices of them; None: all.
+def read_points(path: Path) -> Array:
+    """The vertices of a mesh file, (n, 3); see read()."""
+    return read(path).points
+
+
+def volume(mesh: Mesh) -> float | None:
+    """What a mesh encloses, by the divergence theorem; None when it is not closed, or winds this way here and the other
+    way there."""
+    if mesh.triangles is None or not len(mesh.triangles) or not _closed(mesh):
+        return None
+    points = mesh.points - mesh.points.mean(0)
+    total = 0.0
+    for begin in range(0, len(mesh.triangles), 64 * _CHUNK):
+        a, b, c = (points[mesh.triangles[begin : begin + 64 * _CHUNK, i]] for i in range(3))
+        total += float(np.einsum("ij,ij->", a, np.cross(b, c)))
+    return abs(total) / 6.0
+
+
+def _closed(mesh: Mesh) -> bool:
+    """Whether every edge is passed as often one way as the other: a hash of edges that changes its sign with their
+    direction adds up to 0. No sorting, so quick. Points are the same where their coordinates are."""
+    assert mesh.triangles is not None
+    bits = np.ascontiguousarray(mesh.points + 0.0).view(np.uint64)  # -0 becomes 0
+    code = _mixed(_mixed(_mixed(bits[:, 0]) + bits[:, 1]) + bits[:, 2])
+    total = 0
+    for begin in range(0, len(mesh.triangles), 64 * _CHUNK):
+        corners = code[mesh.triangles[begin : begin + 64 * _CHUNK]]
+        for i in range(3):
+            a, b = corners[:, i], corners[:, (i + 1) % 3]
+            edge = _mixed(_mixed(np.minimum(a, b)) + np.maximum(a, b))
+            total += int(edge[a < b].sum()) - int(edge[a > b].sum())
+    return total % 2**64 == 0
+
+
+def _mixed(x: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
+    """Bits well mixed, one to one (the last step of SplitMix64)."""
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return np.asarray(x ^ (x >> np.uint64(31)))
+
+
+def convex_hull(
+    points: Array, max_vertices: int | None = HULL_VERTICES, triangles: npt.NDArray[np.integer[Any]] | None = None
+) -> Hull:
+    """The convex hull of points, (n, 3) [m], with at most max_vertices of them; None: all. triangles: (m, 3) of the
+    mesh, for its volume.
 
     A hull with more vertices shrinks to that of the subset found by adding, again and again, the vertices that are
     farthest outside. Flat points are given a thickness of 1 mm. Raises InvalidInputError for points on a line or fewer
@@ -82,6 +164,7 @@ def convex_hull(points: Array, max_vertices: int | None = HULL_VERTICES) -> Hull
     from scipy.spatial import ConvexHull, QhullError
 
     points = np.asarray(points, dtype=np.float64)
+    mesh = Mesh(points, None if triangles is None else triangles.astype(np.int64))
     notes: list[str] = []
     centre = points.mean(0)
     # Extents along the principal axes; of a sample when there are very many points.
@@ -102,11 +185,73 @@ def convex_hull(points: Array, max_vertices: int | None = HULL_VERTICES) -> Hull
     except QhullError as error:
         raise InvalidInputError(f"no convex hull: {str(error).splitlines()[0]}") from None
     corners = full.points[full.vertices]
-    if max_vertices is None or len(corners) <= max_vertices:
-        return Hull(*_wound(corners, ConvexHull(corners)), 1.0, tuple(notes))
-    vertices = _reduced(corners, max_vertices)
-    hull = ConvexHull(vertices)
-    return Hull(*_wound(vertices, hull), float(hull.volume / full.volume), tuple(notes))
+    enclosed = None if notes else volume(mesh)
+    if enclosed is not None and not _FLAT * full.volume < enclosed <= full.volume * (1.0 + _FLAT):
+        enclosed = None  # shells that cancel, or lie within each other
+    hull = ConvexHull(corners)
+    if max_vertices is not None and len(corners) > max_vertices:
+        corners = _reduced(corners, max_vertices)
+        hull = ConvexHull(corners)
+    share = min(float(hull.volume / full.volume), 1.0)
+    return Hull(*_wound(corners, hull), share, tuple(notes), float(hull.volume), enclosed, len(mesh.points))
+
+
+def hulls(mesh: Mesh, max_vertices: int | None = HULL_VERTICES, split: bool = False) -> list[Hull]:
+    """The hull of a mesh [m]; with `split`, and where that adds to the mesh, the hulls of convex pieces of it.
+
+    Raises InvalidInputError as convex_hull() does, ImportError when pieces are asked for and coacd is missing.
+    """
+    whole = convex_hull(mesh.points, max_vertices, mesh.triangles)
+    if not split or (whole.added is not None and whole.added <= CONVEX):
+        return [whole]
+    if mesh.triangles is None or not len(mesh.triangles):
+        return [replace(whole, notes=(*whole.notes, "is not decomposed: there are no triangles to go by"))]
+    from signorini.load import _pieces
+
+    found = []
+    for points in _pieces.pieces(mesh.points, mesh.triangles):
+        with suppress(InvalidInputError):  # slivers
+            found.append(replace(convex_hull(points, max_vertices), notes=whole.notes))
+    return found or [whole]
+
+
+def shape(hull: Hull) -> tuple[Shape, Placement]:
+    """A hull as what collides, and where that is in its frame: a box where it is one, else the polyhedron."""
+    from signorini._world import Box, Convex
+
+    box = _box(hull)
+    return (Convex(hull.vertices, hull.triangles), identity()) if box is None else (Box(box[0]), box[1])
+
+
+def _box(hull: Hull) -> tuple[tuple[float, float, float], Placement] | None:
+    """Half extents and placement of the box that a hull is; its axes are called as those that they are next to."""
+    a, b, c = (hull.vertices[hull.triangles[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    areas = np.linalg.norm(normals, axis=1)
+    first = normals[np.argmax(areas)] / areas.max()
+    beside = np.where(np.abs(normals @ first) < 0.01 * areas, areas, 0.0)
+    if not beside.max() > 0.0:
+        return None
+    second = normals[np.argmax(beside)] / beside.max()
+    axes = np.stack([first, second, np.cross(first, second)])
+    order = max(itertools.permutations(range(3)), key=lambda p: sum(abs(axes[p[i], i]) for i in range(3)))
+    axes = axes[list(order)]
+    axes *= np.where(np.diag(axes) < 0.0, -1.0, 1.0)[:, None]
+    axes[2] *= np.linalg.det(axes)
+    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    corners = hull.vertices[np.argmax(signs @ axes @ hull.vertices.T, axis=1)]
+    edges = 0.25 * signs.T @ corners  # means of four
+    lengths = np.linalg.norm(edges, axis=1)
+    if not lengths.min() > 0.0:
+        return None
+    u, _, vt = np.linalg.svd((edges / lengths[:, None]).T)
+    rotation, center, half = u @ vt, corners.mean(axis=0), 0.5 * lengths
+    tolerance = BOX * float(np.abs(hull.vertices).max())
+    off = np.abs(center + (signs * half) @ rotation.T - corners).max()
+    outside = (np.abs((hull.vertices - center) @ rotation) - half).max()
+    if off > tolerance or outside > tolerance:
+        return None
+    return (float(half[0]), float(half[1]), float(half[2])), Placement(rotation, center)
 
 
 def _outer(points: Array) -> Array:
@@ -203,7 +348,14 @@ def _numbers(path: Path, words: list[bytes], what: str) -> Array:
 # STL
 
 
-def _read_stl(path: Path) -> Array:
+def _read_stl(path: Path) -> Mesh:
+    points = _stl_corners(path)
+    if len(points) % 3:
+        _fail(path, f"has {len(points)} vertices, three a triangle are needed")
+    return Mesh(points, np.arange(len(points)).reshape(-1, 3))
+
+
+def _stl_corners(path: Path) -> Array:
     data = path.read_bytes()
     count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
     if count >= 0 and len(data) == 84 + 50 * count:
@@ -228,9 +380,10 @@ def _binary_stl(data: bytes, count: int) -> Array:
 # OBJ
 
 
-def _read_obj(path: Path) -> Array:
+def _read_obj(path: Path) -> Mesh:
     points: list[bytes] = []
-    used: set[int] = set()
+    corners: list[int] = []
+    counts: list[int] = []
     with path.open("rb") as file:
         for number, line in enumerate(file, 1):
             if line.startswith((b"v ", b"v\t")):
@@ -239,19 +392,36 @@ def _read_obj(path: Path) -> Array:
                     _fail(path, f"line {number}: a vertex has {len(words)} coordinates, must have 3")
                 points += words
             elif line.startswith((b"f ", b"f\t")):
-                for word in line.split()[1:]:
+                words = line.split()[1:]
+                counts.append(len(words))
+                for word in words:
                     try:
                         index = int(word.split(b"/")[0])
                     except ValueError:
                         _fail(path, f"line {number}: a face has the index {word[:40]!r}, must be a whole number")
-                    used.add(index - 1 if index > 0 else len(points) // 3 + index)
+                    index = index - 1 if index > 0 else len(points) // 3 + index
+                    if not 0 <= index < MAX_BYTES:
+                        _fail(path, f"line {number}: a face has the index {word[:40]!r}, a vertex that is not there")
+                    corners.append(index)
     vertices = _numbers(path, points, "a vertex").reshape(-1, 3)
-    if not used:
-        return vertices
-    indices = np.fromiter(used, dtype=np.int64)
-    if indices.min() < 0 or indices.max() >= len(vertices):
+    if not corners:
+        return Mesh(vertices)
+    indices = np.array(corners)
+    if indices.max() >= len(vertices):
         _fail(path, f"has a face with a vertex that is not there; there are {len(vertices)}")
-    return vertices[np.sort(indices)]
+    used, places = np.unique(indices, return_inverse=True)
+    return Mesh(vertices[used], _fans(places.reshape(-1), np.array(counts)))
+
+
+def _fans(corners: Indices, counts: Indices) -> Indices:
+    """Triangles of polygons: their corners, one polygon after the other, and how many each has."""
+    begins = np.cumsum(counts) - counts
+    found = [np.zeros((0, 3), dtype=np.int64)]
+    for count in np.unique(counts[counts > 2]).tolist():
+        polygons = corners[begins[counts == count][:, None] + np.arange(count)]
+        i = np.arange(1, count - 1)
+        found.append(polygons[:, np.stack([0 * i, i, i + 1], axis=1)].reshape(-1, 3))
+    return np.concatenate(found)
 
 
 # PLY
@@ -268,7 +438,7 @@ _PLY_TYPES = {
 }
 
 
-def _read_ply(path: Path) -> Array:
+def _read_ply(path: Path) -> Mesh:
     data = path.read_bytes()
     header_end = re.search(rb"end_header[ \t]*\r?\n", data[:65536])
     if not data.startswith(b"ply") or header_end is None:
@@ -287,12 +457,15 @@ def _read_ply(path: Path) -> Array:
     if len(set(names)) != len(names) or not {"x", "y", "z"} <= set(names):
         _fail(path, "has vertices without x, y and z, or with one twice")
     count, begin = int(words[elements[0]][-1]), header_end.end()
+    faces = [words[i:j] for i, j in zip(elements[1:], [*elements[2:], len(words)], strict=True)][:1]
     if encoding == "ascii":
-        body = data[begin:].split(maxsplit=count * len(names))[: count * len(names)] if count < len(data) else []
-        if len(body) != count * len(names):
+        body = data[begin:].split(maxsplit=count * len(names)) if count < len(data) else []
+        if len(body) < count * len(names):
             _fail(path, f"is cut off: {count} vertices are announced")
+        rest = body.pop() if len(body) > count * len(names) else b""
         table = _numbers(path, body, "a vertex").reshape(count, len(names))
-        return np.ascontiguousarray(table[:, [names.index(axis) for axis in "xyz"]])
+        points = np.ascontiguousarray(table[:, [names.index(axis) for axis in "xyz"]])
+        return Mesh(points, _ply_triangles(path, faces, rest, "", count))
     if encoding not in ("binary_little_endian", "binary_big_endian"):
         _fail(path, f'has format "{encoding}", must be ascii, binary_little_endian or binary_big_endian')
     order = "<" if encoding == "binary_little_endian" else ">"
@@ -300,15 +473,79 @@ def _read_ply(path: Path) -> Array:
     if len(data) - begin < count * record.itemsize:
         _fail(path, f"is cut off: {count} vertices are announced")
     records = np.frombuffer(data, record, count, begin)
-    return np.stack([records[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    points = np.stack([records[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    return Mesh(points, _ply_triangles(path, faces, data[begin + count * record.itemsize :], order, count))
+
+
+def _ply_triangles(path: Path, elements: list[list[list[str]]], data: bytes, order: str, limit: int) -> Indices | None:
+    """Of the element after the vertices, when it is the faces and their corners come first; order "": ascii."""
+    if not elements or elements[0][0][1:2] != ["face"] or not elements[0][0][-1].isdigit():
+        return None
+    properties = [word[1:] for word in elements[0][1:]]
+    known = bool(properties) and all(p and p[0] in _PLY_TYPES for p in properties[1:])
+    if not known or len(properties[0]) != 4 or properties[0][0] != "list" or "vert" not in properties[0][3]:
+        return None
+    if not {*properties[0][1:3]} <= {name for name, kind in _PLY_TYPES.items() if kind[0] != "f"}:
+        return None
+    count = int(elements[0][0][-1])
+    if count > len(data):
+        _fail(path, f"is cut off: {count} faces are announced")
+    corners, counts = (_ply_ascii if not order else _ply_binary)(path, properties, data, order, count)
+    if len(corners) and (corners.min() < 0 or corners.max() >= limit):
+        _fail(path, f"has a face with a vertex that is not there; there are {limit}")
+    return _fans(corners, counts)
+
+
+def _ply_ascii(path: Path, properties: list[list[str]], data: bytes, _: str, count: int) -> tuple[Indices, Indices]:
+    words, place, corners, counts = data.split(), 0, list[bytes](), list[int]()
+    for _face in range(count):
+        size = int(words[place]) if place < len(words) and words[place].isdigit() else -1
+        if not 0 <= size < len(words) - place:
+            _fail(path, f"is cut off, or has a face without a number of corners: {count} faces are announced")
+        counts.append(size)
+        corners += words[place + 1 : place + 1 + size]
+        place += size + len(properties)
+    try:
+        return np.array(corners, dtype=np.int64), np.array(counts, dtype=np.int64)
+    except (ValueError, OverflowError):
+        _fail(path, "has a face with an index that is no whole number")
+
+
+def _ply_binary(
+    path: Path, properties: list[list[str]], data: bytes, order: str, count: int
+) -> tuple[Indices, Indices]:
+    size_type, index_type = (order + _PLY_TYPES[name] for name in properties[0][1:3])
+    more = [(f"more{i}", order + _PLY_TYPES[p[0]]) for i, p in enumerate(properties[1:])]
+    skip = np.dtype(more).itemsize
+    width, index = np.dtype(size_type).itemsize, np.dtype(index_type)
+    if not count or len(data) < width:
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    # Nearly always all have the same number of corners.
+    size = int(np.frombuffer(data, size_type, 1)[0])
+    if 0 <= size * index.itemsize < len(data):
+        record = np.dtype([("size", size_type), ("corners", index_type, (size,)), *more])
+        if count * record.itemsize <= len(data):
+            records = np.frombuffer(data, record, count)
+            if (records["size"] == size).all():
+                return records["corners"].astype(np.int64).reshape(-1), np.full(count, size)
+    reader, place = struct.Struct(order + np.dtype(size_type).char), 0
+    found, counts = [], []
+    for _face in range(count):
+        size = reader.unpack_from(data, place)[0] if place + width <= len(data) else -1
+        if size < 0 or place + width + size * index.itemsize + skip > len(data):
+            _fail(path, f"is cut off: {count} faces are announced")
+        found.append(data[place + width : place + width + size * index.itemsize])
+        counts.append(size)
+        place += width + size * index.itemsize + skip
+    return np.frombuffer(b"".join(found), index_type).astype(np.int64), np.array(counts)
 
 
 # Collada
 
 
-def _read_collada(path: Path) -> Array:
-    """Positions in metres, placed by the scene's nodes; the up axis is left as the file has it, as in ROS."""
-    return _Collada(_xml.parse(path)).points()
+def _read_collada(path: Path) -> Mesh:
+    """In metres, placed by the scene's nodes; the up axis is left as the file has it, as in ROS."""
+    return _Collada(_xml.parse(path)).mesh()
 
 
 class _Collada:
@@ -320,8 +557,8 @@ class _Collada:
         self._geometries: list[_xml.Element] = []
         self._scenes: list[_xml.Element] = []
         self._meter = 1.0
-        self._cache: dict[int, Array] = {}
-        self._num_points = self._num_nodes = 0
+        self._cache: dict[int, Mesh] = {}
+        self._num_points = self._num_triangles = self._num_nodes = 0
         stack = [root]
         while stack:
             element = stack.pop()
@@ -336,19 +573,24 @@ class _Collada:
                     self._meter = unit.number("meter", 1.0, 1e-9, 1e9)
             stack.extend(element.children)
 
-    def points(self) -> Array:
+    def mesh(self) -> Mesh:
         if self._scenes:
-            found = [p for scene in self._scenes for p in self._node(scene, np.eye(4), 0)]
+            found = [piece for scene in self._scenes for piece in self._node(scene, np.eye(4), 0)]
         else:
-            found = [self._positions(geometry) for geometry in self._geometries]
-        return self._meter * (np.concatenate(found) if found else np.zeros((0, 3)))
+            found = [self._read(geometry) for geometry in self._geometries]
+        if not found:
+            return Mesh(np.zeros((0, 3)))
+        points = self._meter * np.concatenate([piece.points for piece in found])
+        first = np.cumsum([0, *(len(piece.points) for piece in found)])
+        known = [piece.triangles + n for piece, n in zip(found, first, strict=False) if piece.triangles is not None]
+        return Mesh(points, np.concatenate(known) if len(known) == len(found) else None)
 
-    def _node(self, node: _xml.Element, above: Array, depth: int) -> list[Array]:
+    def _node(self, node: _xml.Element, above: Array, depth: int) -> list[Mesh]:
         self._num_nodes += 1
         if depth > _xml.MAX_DEPTH or self._num_nodes > 100_000:
             node.fail("its nodes contain each other, or are too many")
         placement = above
-        found: list[Array] = []
+        found: list[Mesh] = []
         for child in node:
             tag = _tag(child)
             if tag in _TRANSFORMS:
@@ -365,12 +607,16 @@ class _Collada:
                 found += self._node(self._target(child, "url", "node"), placement, depth + 1)
         return found
 
-    def _placed(self, geometry: _xml.Element, placement: Array) -> Array:
-        points = self._positions(geometry)
-        self._num_points += len(points)
-        if self._num_points > MAX_POINTS:
+    def _placed(self, geometry: _xml.Element, placement: Array) -> Mesh:
+        mesh = self._read(geometry)
+        self._num_points += len(mesh.points)
+        self._num_triangles += 0 if mesh.triangles is None else len(mesh.triangles)
+        if max(self._num_points, self._num_triangles // 2) > MAX_POINTS:
             geometry.fail(f"has more than {MAX_POINTS} vertices when all copies are counted")
-        return np.asarray(points @ placement[:3, :3].T + placement[:3, 3])
+        triangles = mesh.triangles
+        if triangles is not None and np.linalg.det(placement[:3, :3]) < 0.0:
+            triangles = triangles[:, ::-1]
+        return Mesh(mesh.points @ placement[:3, :3].T + placement[:3, 3], triangles)
 
     def _target(self, element: _xml.Element, attribute: str, tag: str) -> _xml.Element:
         name = element.string(attribute)
@@ -379,19 +625,47 @@ class _Collada:
             element.fail(f'{attribute} is "{name}", there is no such {tag}')
         return target
 
-    def _positions(self, geometry: _xml.Element) -> Array:
+    def _read(self, geometry: _xml.Element) -> Mesh:
         if id(geometry) not in self._cache:
-            self._cache[id(geometry)] = self._read_positions(geometry)
+            self._cache[id(geometry)] = self._read_geometry(geometry)
         return self._cache[id(geometry)]
 
-    def _read_positions(self, geometry: _xml.Element) -> Array:
-        found = []
+    def _read_geometry(self, geometry: _xml.Element) -> Mesh:
+        found, triangles = [], []
         for mesh in _all(geometry, "mesh"):
             for vertices in _all(mesh, "vertices"):
                 for entry in _all(vertices, "input"):
                     if entry.attributes.get("semantic") == "POSITION":
                         found.append(self._source(self._target(entry, "source", "source")))
-        return np.concatenate(found) if found else np.zeros((0, 3))
+            triangles += [self._triangles(e, len(found[0]) if found else 0) for e in mesh if _tag(e) in _PRIMITIVES]
+        points = np.concatenate(found) if found else np.zeros((0, 3))
+        known = [t for t in triangles if t is not None]
+        if len(found) != 1 or not known or len(known) < len(triangles):
+            return Mesh(points)
+        return Mesh(points, np.concatenate(known))
+
+    def _triangles(self, element: _xml.Element, limit: int) -> Indices | None:
+        tag, inputs = _tag(element), _all(element, "input")
+        offsets = [int(entry.number("offset", 0.0, 0, 1000)) for entry in inputs]
+        corner = [n for entry, n in zip(inputs, offsets, strict=True) if entry.attributes.get("semantic") == "VERTEX"]
+        if tag not in ("triangles", "polylist", "polygons") or len(corner) != 1:
+            return None
+        stride = 1 + max(offsets)
+        parts = [_integers(p) for p in _all(element, "p")]
+        if any(len(p) % stride for p in parts):
+            element.fail(f"has a <p> whose length is no multiple of {stride}")
+        corners = np.concatenate([p[corner[0] :: stride] for p in parts]) if parts else np.zeros(0, dtype=np.int64)
+        if tag == "polylist":
+            counts = np.concatenate([_integers(v) for v in _all(element, "vcount")] or [np.zeros(0, dtype=np.int64)])
+        elif tag == "polygons":
+            counts = np.array([len(p) // stride for p in parts], dtype=np.int64)
+        else:
+            counts = np.full(len(corners) // 3, 3)
+        if (counts < 0).any() or (counts > len(corners)).any() or counts.sum() != len(corners):
+            element.fail(f"has {len(corners)} corners, which do not fit its polygons")
+        if len(corners) and (corners.min() < 0 or corners.max() >= limit):
+            element.fail(f"has a corner that is not there; there are {limit} positions")
+        return _fans(corners, counts)
 
     def _source(self, source: _xml.Element) -> Array:
         arrays = _all(source, "float_array")
@@ -427,6 +701,13 @@ def _values(element: _xml.Element, size: int) -> Array:
     if len(values) != size or not np.isfinite(values).all():
         element.fail(f"must hold {size} finite numbers")
     return values
+
+
+def _integers(element: _xml.Element) -> Indices:
+    try:
+        return np.array(element.text.split(), dtype=np.int64)
+    except (ValueError, OverflowError):
+        element.fail("holds something that is no whole number")
 
 
 def _translate(element: _xml.Element) -> Array:
@@ -466,7 +747,8 @@ _TRANSFORMS: dict[str, Callable[[_xml.Element], Array]] = {
     "lookat": _not_read,
     "skew": _not_read,
 }
-_READERS: dict[str, Callable[[Path], Array]] = {
+_PRIMITIVES = {"triangles", "polylist", "polygons", "trifans", "tristrips"}
+_READERS: dict[str, Callable[[Path], Mesh]] = {
     ".stl": _read_stl,
     ".obj": _read_obj,
     ".ply": _read_ply,

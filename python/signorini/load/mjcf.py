@@ -136,7 +136,7 @@ class _Adder:
         self.builder, self._source, self.mujoco, self.options = builder, source, mujoco, options
         self.model = source.model
         self.warnings = Warnings(source.path)
-        self.geometry_of: dict[int, int] = {}  # of a geom
+        self.geometries_of: dict[int, list[int]] = {}  # of a geom
         self._added = Added(source.path)
         self._bodies, self._joints, self._geoms = (source.names(kind) for kind in ("body", "jnt", "geom"))
         self._losses = _mjcf_drives.drive_losses(self.model, mujoco)
@@ -253,10 +253,21 @@ class _Adder:
     def _add_geometry(self, geom: int) -> None:
         model = self.model
         body, name = int(model.geom_bodyid[geom]), self.name("geom", geom)
-        shape = self._shape(geom)
-        if shape is None:
-            return
         placement = self.placed(body, model.geom_pos[geom], model.geom_quat[geom])
+        if model.geom_type[geom] == self.mujoco.mjtGeom.mjGEOM_MESH:
+            hulls = self._mesh_hulls(geom)
+            for part, hull in enumerate(hulls):
+                shape, inner = mesh.shape(hull)
+                part_name = name if len(hulls) == 1 else f"{name}_{part}"
+                self._added.hulls[self._add_shape(geom, shape, placement @ inner, part_name)] = hull
+            return
+        other = self._shape(geom)
+        if other is not None:
+            self._add_shape(geom, other, placement, name)
+
+    def _add_shape(self, geom: int, shape: Shape, placement: Placement, name: str) -> int:
+        model = self.model
+        body = int(model.geom_bodyid[geom])
         index = self.call(
             "geom",
             name,
@@ -271,9 +282,27 @@ class _Adder:
                 mask=int(model.geom_conaffinity[geom]) & 0xFFFFFFFF,
             ),
         )
-        self.geometry_of[geom] = index
+        self.geometries_of.setdefault(geom, []).append(index)
         self._added.geometries.append(index)
         self._added.body_of_geometry[index] = self.body(body)
+        return index
+
+    def _triangles(self, geom: int) -> tuple[Array, npt.NDArray[np.int32]]:
+        """Vertices and triangles of a mesh, in the frame of the geom."""
+        model, number = self.model, int(self.model.geom_dataid[geom])
+        first, count = int(model.mesh_vertadr[number]), int(model.mesh_vertnum[number])
+        face, faces = int(model.mesh_faceadr[number]), int(model.mesh_facenum[number])
+        vertices = np.asarray(model.mesh_vert[first : first + count], dtype=np.float64)
+        return vertices, np.asarray(model.mesh_face[face : face + faces], dtype=np.int32)
+
+    def _mesh_hulls(self, geom: int) -> list[mesh.Hull]:
+        name, body = self._geoms[geom], self._bodies[self.model.geom_bodyid[geom]]
+        vertices, triangles = self._triangles(geom)
+        solid = mesh.Mesh(vertices, triangles.astype(np.int64))
+        split = self.options.splits(body)
+        hulls = self.call("geom", name, lambda: mesh.hulls(solid, self.options.hull_vertices, split))
+        self.warnings.add_hulls(f"of {name}", hulls)
+        return hulls
 
     def _add_visual(self, geom: int) -> None:
         """What MuJoCo's own viewer shows at first: groups 0 to 2."""
@@ -285,11 +314,7 @@ class _Adder:
             return
         shape: Shape | TriangleMesh | None
         if model.geom_type[geom] in (mj.mjtGeom.mjGEOM_MESH, mj.mjtGeom.mjGEOM_SDF):
-            number = int(model.geom_dataid[geom])
-            first, count = int(model.mesh_vertadr[number]), int(model.mesh_vertnum[number])
-            face, faces = int(model.mesh_faceadr[number]), int(model.mesh_facenum[number])
-            vertices = np.asarray(model.mesh_vert[first : first + count], dtype=np.float64)
-            shape = TriangleMesh(vertices, np.asarray(model.mesh_face[face : face + faces], dtype=np.int32))
+            shape = TriangleMesh(*self._triangles(geom))
         elif model.geom_type[geom] == mj.mjtGeom.mjGEOM_HFIELD:
             return
         else:
@@ -348,14 +373,6 @@ class _Adder:
             return _world.Ellipsoid((size[0], size[1], size[2]))
         if kind == types.mjGEOM_PLANE:
             return _world.HalfSpace()
-        if kind == types.mjGEOM_MESH:
-            number = int(model.geom_dataid[geom])
-            first, count = int(model.mesh_vertadr[number]), int(model.mesh_vertnum[number])
-            vertices = np.asarray(model.mesh_vert[first : first + count], dtype=np.float64)
-            hull = self.call("geom", name, lambda: mesh.convex_hull(vertices, self.options.hull_vertices))
-            for note in hull.notes:
-                self.warnings.add("meshes", f"of {name} {note}")
-            return _world.Convex(hull.vertices, hull.triangles)
         label = {int(types.mjGEOM_HFIELD): "height fields", int(types.mjGEOM_SDF): "signed distance fields"}
         self.warnings.add(f"{label.get(int(kind), f'geoms of type {int(kind)}')} do not collide", name)
         return None

@@ -310,8 +310,8 @@ class _Adder:
         self._builder, self._robot, self._options = builder, robot, options
         self._warnings = robot.warnings
         self._finder = FileFinder(robot.file, options.package_dirs)
-        self._points: dict[Path, Array] = {}
-        self._hulls: dict[tuple[Path, tuple[float, ...]], mesh.Hull] = {}
+        self._meshes: dict[Path, mesh.Mesh] = {}
+        self._hulls: dict[tuple[Path, tuple[float, ...], bool], list[mesh.Hull]] = {}
         self._added = Added(robot.file)
         self._geometry_names: set[str] = set()
         # A root link called "world" is the world.
@@ -441,6 +441,7 @@ class _Adder:
                     result[link.name] = _inertia.mended(link.inertia)
                 if not fixed_to_world:  # there it is of no effect
                     self._warnings.add("inertias that no body can have are mended", *(link.name for link in bad))
+                    self._added.mended += [self._name(link.name) for link in bad]
             else:
                 for link in links:
                     result[link.name] = _inertia.nothing()
@@ -450,12 +451,22 @@ class _Adder:
         return {name: _inertia.rounded(inertia) for name, inertia in result.items()}
 
     def _add_collision(self, link: Link, collision: Collision, number: int) -> None:
-        body, placement = self._place(link, collision.placement)
-        shape = self._shape(collision)
         name = collision.name or (link.name if len(link.collisions) == 1 else f"{link.name}_{number}")
         if name in self._geometry_names:  # many files call all their collisions the same
             name = f"{link.name}_{number}"
         self._geometry_names.add(name)
+        if collision.geometry.tag != "mesh":
+            self._add_geometry(link, collision, self._shape(collision), collision.placement, name)
+            return
+        hulls = self._mesh_hulls(collision.geometry, self._options.splits(link.name))
+        for part, hull in enumerate(hulls):
+            shape, inner = mesh.shape(hull)
+            part_name = name if len(hulls) == 1 else f"{name}_{part}"
+            index = self._add_geometry(link, collision, shape, collision.placement @ inner, part_name)
+            self._added.hulls[index] = hull
+
+    def _add_geometry(self, link: Link, collision: Collision, shape: Shape, placement: Placement, name: str) -> int:
+        body, placement = self._place(link, placement)
         index = self._call(
             collision.geometry,
             lambda: self._builder.add_geometry(
@@ -469,6 +480,7 @@ class _Adder:
         )
         self._added.geometries.append(index)
         self._added.body_of_geometry[index] = body
+        return index
 
     def _place(self, link: Link, placement: Placement) -> tuple[str, Placement]:
         """A place in a link as a body and a place in it."""
@@ -522,30 +534,26 @@ class _Adder:
             return _world.Cylinder(length("radius"), 0.5 * length("length"))
         if element.tag == "capsule":
             return _world.Capsule(length("radius"), 0.5 * length("length"))
-        if element.tag == "box":
-            size = element.vector("size", 3, None, MAX_POSITION)
-            if (size <= 0.0).any():
-                element.fail(f'size is "{element.string("size")}", must be positive')
-            return _world.Box((0.5 * size[0], 0.5 * size[1], 0.5 * size[2]))
+        size = element.vector("size", 3, None, MAX_POSITION)
+        if (size <= 0.0).any():
+            element.fail(f'size is "{element.string("size")}", must be positive')
+        return _world.Box((0.5 * size[0], 0.5 * size[1], 0.5 * size[2]))
+
+    def _mesh_hulls(self, element: Element, split: bool) -> list[mesh.Hull]:
         path = self._finder.find(element, element.string("filename"))
         scale = element.vector("scale", 3, (1.0, 1.0, 1.0), MAX_POSITION)
         if (scale == 0.0).any():
             element.fail(f'scale is "{element.string("scale")}", must not be 0')
-        hull = self._hull(element, path, scale)
-        return _world.Convex(hull.vertices, hull.triangles)
-
-    def _hull(self, element: Element, path: Path, scale: Array) -> mesh.Hull:
-        key = (path, tuple(scale.tolist()))
+        key = path, tuple(scale.tolist()), split
         if key not in self._hulls:
             try:
-                if path not in self._points:
-                    self._points[path] = mesh.read_points(path)
-                self._hulls[key] = mesh.convex_hull(self._points[path] * scale, self._options.hull_vertices)
+                if path not in self._meshes:
+                    self._meshes[path] = mesh.read(path)
+                self._hulls[key] = mesh.hulls(self._meshes[path].scaled(scale), self._options.hull_vertices, split)
             except InvalidInputError as error:
                 reason = str(error)
                 element.fail(reason if str(path) in reason else f"{path}: {reason}")
-            for note in self._hulls[key].notes:
-                self._warnings.add("meshes", f"{path.name} {note}")
+            self._warnings.add_hulls(path.name, self._hulls[key])
         return self._hulls[key]
 
     def _add_couplings(self) -> None:
