@@ -16,6 +16,7 @@ from rich.table import Table
 import signorini
 from signorini.cli._output import finite, report, write_json
 from signorini.load import Loaded, _inertia, assemble
+from signorini.load._ground import lowest_point
 from signorini.load._options import Options
 
 Array = npt.NDArray[np.float64]
@@ -62,7 +63,7 @@ def inspect(loaded: Loaded, ground: bool = False) -> dict[str, Any]:
     """What --json writes, but version and file. warnings: what is not carried over; problems: what is wrong."""
     world, height = loaded.world, None
     if ground:
-        height = _lowest(world)
+        height = lowest_point(world)
         if height is None:
             raise signorini.InvalidInputError(f"{loaded.added.file}: has nothing that collides, --ground has no use")
         loaded.builder.add_ground(height=height)
@@ -193,40 +194,6 @@ def _first_step(simulator: signorini.Simulator) -> dict[str, Any]:
         "status": done.status,
         "relative": finite(done.residual.relative),
     }
-
-
-def _lowest(world: signorini.World) -> float | None:
-    """Height of the lowest point of what collides and can move, or of all when nothing can [m]."""
-    frames = world._core.frame_placements(world.initial_q)
-    still = world.bodies[0].frame
-    found: dict[bool, list[float]] = {True: [], False: []}
-    for geometry in world.geometries:
-        body = world.bodies[geometry.body]
-        frame, inner, own = frames[body.frame], body.in_frame, geometry.placement
-        position = frame.rotation @ (inner.rotation @ own.translation + inner.translation) + frame.translation
-        down = -(frame.rotation @ inner.rotation @ own.rotation)[2]
-        reach = _reach(geometry.shape, down)
-        if reach is not None:
-            found[body.frame != still].append(float(position[2]) - reach)
-    return min(found[True] or found[False], default=None)
-
-
-def _reach(shape: Any, direction: Array) -> float | None:
-    """How far a shape goes in a direction of its frame (unit); None: without end."""
-    kind, size = shape.type.name, np.asarray(shape.size)
-    if kind == "sphere":
-        return float(size[0])
-    if kind == "box":
-        return float(np.abs(direction) @ size)
-    if kind == "capsule":
-        return float(abs(direction[2]) * size[1] + size[0])
-    if kind == "cylinder":
-        return float(abs(direction[2]) * size[1] + math.hypot(direction[0], direction[1]) * size[0])
-    if kind == "ellipsoid":
-        return float(np.linalg.norm(direction * size))
-    if kind == "convex":
-        return float((np.asarray(shape.vertices) @ direction).max())
-    return None
 
 
 def _print(result: dict[str, Any]) -> None:

@@ -42,7 +42,8 @@ def _source(scene: str, ground: bool, floating: bool | None, options: list[str])
             raise signorini.InvalidInputError(f"{scene}: there is no such file, nor a scene of that name")
         if options:
             raise signorini.InvalidInputError("option: is for scenes, not for files")
-        return {"file": str(Path(scene).resolve()), "ground": ground, "floating_base": floating}
+        floor = "touching" if ground else False
+        return {"file": str(Path(scene).resolve()), "ground": floor, "floating_base": floating}
     values: dict[str, Any] = {}
     for option in options:
         key, equals, text = option.partition("=")
@@ -61,7 +62,9 @@ def run(
         float | None, typer.Option(help="Simulated time [s]; default: the scene's own, files 2 s.")
     ] = None,
     dt: Annotated[float, typer.Option(help="Time step [s], in [1e-6, 0.1].")] = 1e-3,
-    ground: Annotated[bool, typer.Option("--ground", help="Files: add a floor below z = 0.")] = False,
+    ground: Annotated[
+        bool, typer.Option("--ground", help="Files: add a floor that the lowest point just touches.")
+    ] = False,
     floating: Annotated[
         bool | None, typer.Option("--floating/--fixed", help="URDF files: free or fixed base; default: fixed.")
     ] = None,

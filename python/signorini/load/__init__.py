@@ -26,6 +26,7 @@ import numpy.typing as npt
 
 from signorini._core import InvalidInputError
 from signorini.load import _xml, mesh
+from signorini.load._ground import lowest_point
 from signorini.load._options import Added, Compliance, Options
 from signorini.load._placement import Placement, from_quaternion
 
@@ -43,7 +44,7 @@ def load(
     path: PathLike,
     *,
     format: Format | None = None,
-    ground: bool | float = False,
+    ground: bool | float | Literal["touching"] = False,
     gravity: Sequence[float] | None = None,
     prefix: str = "",
     position: Sequence[float] = (0.0, 0.0, 0.0),
@@ -65,10 +66,11 @@ def load(
     """Builds a world from a robot file (URDF, MJCF).
 
     format: None: by the file's root element. ground: True adds a half space below z = 0, a number one below that height
-    [m], of `ground_material`. gravity: [m/s^2]; None: the file's, else (0, 0, -9.81). exclude_overlapping: pairs of
-    bodies of this robot that overlap at initial_q never touch, and world.warnings lists them; a function of the world
-    that returns a configuration (nq,) adds one to look at; None: True for URDF, False for MJCF, which lists its own.
-    builder: to add to; then `gravity` must not be given. The other arguments: see add_file().
+    [m], "touching" one that the lowest point of what moves just touches at initial_q; of `ground_material`. gravity:
+    [m/s^2]; None: the file's, else (0, 0, -9.81). exclude_overlapping: pairs of bodies of this robot that overlap at
+    initial_q never touch, and world.warnings lists them; a function of the world that returns a configuration (nq,)
+    adds one to look at; None: True for URDF, False for MJCF, which lists its own. builder: to add to; then `gravity`
+    must not be given. The other arguments: see add_file().
 
     What a file asks for and the world does not have is listed in world.warnings. Raises InvalidInputError naming file,
     line and element, and what is allowed.
@@ -86,12 +88,11 @@ def load(
         compliance,
         decompose,
     )
-    height = None if ground is False else 0.0 if ground is True else float(ground)
     loaded = assemble(
         Path(path),
         options,
         format=format,
-        height=height,
+        ground=ground,
         gravity=gravity,
         srdf=srdf,
         ground_material=ground_material,
@@ -116,7 +117,7 @@ def assemble(
     options: Options,
     *,
     format: Format | None = None,
-    height: float | None = None,
+    ground: bool | float | Literal["touching"] = False,
     gravity: Sequence[float] | None = None,
     srdf: PathLike | None = None,
     ground_material: Material | None = None,
@@ -124,7 +125,7 @@ def assemble(
     exclude_overlapping: bool | Callable[[World], npt.ArrayLike] | None = None,
     builder: WorldBuilder | None = None,
 ) -> Loaded:
-    """load() for those who need the builder too. height: of the ground [m]; None: no ground."""
+    """load() for those who need the builder too."""
     format = format or file_format(path)
     source = _read(path, format)
     if builder is None:
@@ -134,8 +135,8 @@ def assemble(
     elif gravity is not None:
         raise InvalidInputError("gravity: must not be given together with a builder, which has its own")
     added = _add(builder, source, options, self_collision, srdf)
-    if height is not None:
-        builder.add_ground(ground_material, height)
+    if ground is not False and ground != "touching":
+        builder.add_ground(ground_material, 0.0 if ground is True else float(ground))
     if exclude_overlapping is None:
         exclude_overlapping = format == "urdf"
     world = _build(builder, path)
@@ -145,6 +146,12 @@ def assemble(
             configurations.append(np.asarray(exclude_overlapping(world), dtype=np.float64))
         if exclude_overlapping_pairs(builder, world, [added], configurations):
             world = _build(builder, path)
+    if ground == "touching":
+        height = lowest_point(world)
+        if height is None:
+            raise InvalidInputError(f"{path}: has nothing that collides and has an end, so no ground touches it")
+        builder.add_ground(ground_material, height)
+        world = _build(builder, path)
     return Loaded(world, builder, added)
 
 
