@@ -85,6 +85,25 @@ inline std::shared_ptr<const World> busy_world() {
   drive.gain = {20.0, 0.0, 0.0};
   drive.bias = {0.0, -20.0, -1.0};
   builder.add_actuator(drive);
+  Tendon tendon;
+  tendon.name = "tendon";
+  tendon.terms = {{builder.find_joint("hinge1"), 1.0}, {builder.find_joint("hinge3"), -0.5}};
+  tendon.upper = 0.4;
+  tendon.stiffness = 2.0;
+  tendon.damping = 0.05;
+  tendon.friction = 0.01;
+  builder.add_tendon(tendon);
+  Actuator winch;
+  winch.name = "winch";
+  winch.tendon = 0;
+  winch.gain = {1.0, -0.3, 0.0};
+  winch.bias = {0.0, 0.0, -0.02};
+  winch.activation = Activation::Filter;
+  winch.time_constant = 0.05;
+  builder.add_actuator(winch);
+  Material ice;
+  ice.friction = 0.01;
+  builder.add_contact_pair({0, 1, ice});
   return builder.build();
 }
 
