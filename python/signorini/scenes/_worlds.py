@@ -52,7 +52,9 @@ class WorldScene:
 
 def worlds() -> dict[str, WorldScene]:
     """All world scenes by name."""
-    return {scene.name: scene for scene in _SCENES}
+    from signorini.scenes._blocks import BLOCKS
+
+    return {scene.name: scene for scene in (*_SCENES, *BLOCKS)}
 
 
 def cube_stack(
