@@ -109,15 +109,15 @@ def capsules_box(
 
 
 def chain(
-    size: int = 11, mass_ratio: float = 1.0, *, swing: float = 3.0, wire: float = 0.005, friction: float = 0.3
+    size: int = 11, mass_ratio: float = 1.0, *, speed: float = 1.0, wire: float = 0.005, friction: float = 0.3
 ) -> Start:
     """A hanging chain: links of wire, each turned by a right angle, held by contact alone; the first one is fixed.
 
     size: links, the fixed one included, 2 to 10 000. mass_ratio: the last link over the second, which has 0.02 kg;
-    geometric between. swing: the chain turns about its upper end at this rate at the start, about the x axis [rad/s].
-    wire: radius [m]; a link is 12 of it long and 8 wide. friction: of all.
+    geometric between. speed: of the lower end at the start [m/s]; the chain turns about its upper end, straight, about
+    the x axis. wire: radius [m]; a link is 12 of it long and 8 wide. friction: of all.
     """
-    _check(size=(size, 2, 10_000), mass_ratio=(mass_ratio, 1e-12, 1e12), swing=(swing, -1e3, 1e3))
+    _check(size=(size, 2, 10_000), mass_ratio=(mass_ratio, 1e-12, 1e12), speed=(speed, -1e3, 1e3))
     _check(wire=(wire, 1e-4, 1e2), friction=(friction, 0.0, 1e3))
     from signorini._world import Joint
 
@@ -170,25 +170,26 @@ def chain(
     world = builder.build()
     v = np.zeros((size - 1, 6))
     pivot = -half_length
+    rate = np.array([speed / (pitch * (size - 1) + pivot), 0.0, 0.0])
     for i in range(1, size):
         _, rotation = world.body_placement(f"link-{i}")
-        rate = np.array([swing, 0.0, 0.0])
         v[i - 1, :3] = rotation.T @ np.cross(rate, [0.0, 0.0, -pitch * i - pivot])
         v[i - 1, 3:] = rotation.T @ rate
     return Start(world, world.initial_q, v.ravel())
 
 
 def cable(
-    size: int = 20, mass_ratio: float = 1e3, *, angle: float = 0.5, length: float = 2.0, friction: float = 0.5
+    size: int = 20, mass_ratio: float = 100.0, *, angle: float = 0.5, pitch: float = 0.1, friction: float = 0.5
 ) -> Start:
     """A cable of capsules that hold each other end to end by constraints, a heavy ball at the end; it swings.
 
     size: capsules, 1 to 10 000. mass_ratio: the ball over one capsule of 0.1 kg. angle: of the straight cable from the
-    vertical at the start [rad]. length: of the cable [m].
+    vertical at the start [rad]. pitch: from one end of a capsule to the next [m]. friction: of all.
+
+    Short links under tension vibrate fast: the time step must be below about sqrt(pitch m / (12 tension)), m of a link.
     """
     _check(size=(size, 1, 10_000), mass_ratio=(mass_ratio, 1e-12, 1e12), angle=(angle, -math.pi, math.pi))
-    _check(length=(length, 1e-3, 1e3), friction=(friction, 0.0, 1e3))
-    pitch = length / size
+    _check(pitch=(pitch, 1e-3, 1e3), friction=(friction, 0.0, 1e3))
     radius = 0.15 * pitch
     material = _material(friction)
     builder = _builder()
@@ -215,7 +216,7 @@ def cable(
         _sphere(ball),
         heavy,
         0.4 * heavy * ball**2 * np.eye(3),
-        (length + ball) * down,
+        (size * pitch + ball) * down,
         material,
         orientation,
     )

@@ -59,8 +59,9 @@ class WorldScene:
 def worlds() -> dict[str, WorldScene]:
     """All world scenes by name."""
     from signorini.scenes._blocks import BLOCKS
+    from signorini.scenes._hand import HAND
 
-    return {scene.name: scene for scene in (*_SCENES, *BLOCKS)}
+    return {scene.name: scene for scene in (*_SCENES, *BLOCKS, *HAND)}
 
 
 def cube_stack(
