@@ -31,8 +31,8 @@ BALL_DENSITY = 7850.0  # steel [kg/m^3]
 
 
 def cube_wall(
-    rows: int = 8,
-    columns: int = 6,
+    rows: int = 5,
+    columns: int = 3,
     mass_ratio: float = 1e4,
     seed: int = 0,
     *,
@@ -51,9 +51,8 @@ def cube_wall(
     Raises InvalidInputError naming the option and what is allowed.
     """
     _check(rows=(rows, 1, 100), columns=(columns, 1, 100), mass_ratio=(mass_ratio, 1e-12, 1e12), seed=(seed, 0, 2**63))
-    _check(
-        ball_mass=(ball_mass, 0.0, 1e9), speed=(speed, -1e3, 1e3), edge=(edge, 1e-4, 1e3), friction=(friction, 0, 1e3)
-    )
+    _check(ball_mass=(ball_mass, 0.0, 1e9), speed=(speed, -1e3, 1e3), friction=(friction, 0.0, 1e3))
+    _check(edge=(edge, 1e-4, 1e3), gap=(gap, 0.0, 0.5 * edge))
     spans = []  # (middle, length, row)
     for row in range(rows):
         ends = 2.0 * edge * np.arange(columns + 1)
