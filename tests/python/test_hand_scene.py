@@ -58,6 +58,7 @@ def test_a_stack_is_held_still_and_the_fingertips_carry_its_weight(num_cubes):
         force = simulator.contact_force(f"cube-{i - 1}", f"cube-{i}")
         np.testing.assert_allclose(force, [0.0, 0.0, (num_cubes - i) * 0.05 * 9.81], atol=1e-6 * weight)
     assert_cones_are_obeyed(simulator)
+    np.testing.assert_allclose(simulator.body_placement("cube-0")[0], [0.02, -0.021, 0.21], atol=2e-4)
     thumb = next(c for c in simulator.contacts if "link_15.0_tip" in (c.geometry_a, c.geometry_b))
     assert thumb.force_local[2] == pytest.approx(4.0, rel=0.1)
 
