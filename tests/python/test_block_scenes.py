@@ -65,15 +65,15 @@ def test_impact_changes_momentum_by_what_the_ground_and_gravity_give_and_energy_
     weight = mass(simulator.world) * np.array([0.0, 0.0, -G])
     ball = simulator.world.v_slice("ball")
     before, energy = simulator.momentum[:3].copy(), simulator.energy.total
-    np.testing.assert_allclose(before, [0.0, 5e3, 0.0], atol=1e-9)
+    np.testing.assert_allclose(before, [0.0, 2e4, 0.0], atol=1e-9)
     for _ in range(60):
         simulator.step()
         ground = sum((c.force for c in simulator.contacts if c.geometry_a == "ground"), np.zeros(3))
         after = simulator.momentum[:3].copy()
-        np.testing.assert_allclose(after - before, 1e-3 * (weight + ground), atol=1e-9 * 5e3)
+        np.testing.assert_allclose(after - before, 1e-3 * (weight + ground), atol=1e-9 * 2e4)
         assert simulator.energy.total <= energy * (1 + 1e-9)
         before, energy = after, simulator.energy.total
-    assert simulator.state.v[ball][1] < 4.0  # it did hit
+    assert simulator.state.v[ball][1] < 10.0  # it did hit
     assert simulator.report.unsolved == 0
 
 

@@ -37,7 +37,7 @@ def cube_wall(
     seed: int = 0,
     *,
     ball_mass: float = 1e3,
-    speed: float = 5.0,
+    speed: float = 20.0,
     edge: float = 0.2,
     gap: float = 1e-3,
     friction: float = 0.8,
@@ -170,8 +170,9 @@ def chain(
     v = np.zeros((size - 1, 6))
     pivot = -half_length
     rate = np.array([speed / (pitch * (size - 1) + pivot), 0.0, 0.0])
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # of the odd links
     for i in range(1, size):
-        _, rotation = world.body_placement(f"link-{i}")
+        rotation = quarter if i % 2 == 1 else np.eye(3)
         v[i - 1, :3] = rotation.T @ np.cross(rate, [0.0, 0.0, -pitch * i - pivot])
         v[i - 1, 3:] = rotation.T @ rate
     return Start(world, world.initial_q, v.ravel())
