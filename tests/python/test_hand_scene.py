@@ -91,6 +91,6 @@ def test_a_cube_is_turned_as_planned_and_never_let_go():
 
 
 def test_options_are_checked():
-    for options in ({"task": 2}, {"edge": 0.1}, {"num_cubes": 0}, {"squeeze": -1.0}, {"mass": 0.0}):
+    for options in ({"task": 2}, {"task": 0.5}, {"edge": 0.1}, {"num_cubes": 0}, {"squeeze": -1.0}, {"mass": 0.0}):
         with pytest.raises(InvalidInputError, match=next(iter(options))):
             worlds()["allegro-cubes"](**options)

@@ -10,6 +10,7 @@ import numpy as np
 
 from signorini._core import InvalidInputError
 from signorini.scenes._worlds import (
+    PAPER,
     Array,
     Start,
     WorldScene,
@@ -61,7 +62,9 @@ def allegro_cubes(
 
     Raises InvalidInputError naming the option and what is allowed.
     """
-    _check(task=(task, HOLD, ROLL), edge=(edge, 0.04, 0.055), mass=(mass, 1e-6, 1e3), squeeze=(squeeze, 0.0, 100.0))
+    if task not in NUM_CUBES:
+        raise InvalidInputError(f"task: is {task}, must be 0 (hold) or 1 (turn)")
+    _check(edge=(edge, 0.04, 0.055), mass=(mass, 1e-6, 1e3), squeeze=(squeeze, 0.0, 100.0))
     num_cubes = NUM_CUBES[task] if num_cubes is None else num_cubes
     _check(num_cubes=(num_cubes, 1, 100), friction=(friction, 0.0, 1e3))
     from signorini.load import exclude_overlapping_pairs, urdf
@@ -74,7 +77,7 @@ def allegro_cubes(
     robot = urdf.read(robots_folder() / "allegro_hand_description" / "urdf" / "allegro_right_hand.urdf")
     for joint in robot.joints:
         joint.damping, joint.friction = DAMPING, 0.0
-    palm_up = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # fingers along x, thumb on the right
+    palm_up = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # fingers along x
     placement = Placement(palm_up, np.array([0.0, 0.0, HEIGHT]))
     added = robot.add(builder, Options(placement=placement, material=material, motors=False))
     for joint in robot.joints:
@@ -98,7 +101,8 @@ def drive(simulator: Simulator, start: Start, options: dict[str, Any]) -> Callab
     world = start.world
     given = {"task": HOLD, "edge": EDGE, "mass": MASS, "squeeze": SQUEEZE} | options
     turns, edge = given["task"] == ROLL, given["edge"]
-    weight = given.get("num_cubes", NUM_CUBES[given["task"]]) * given["mass"] * -world.gravity
+    num_cubes = given.get("num_cubes") or NUM_CUBES[given["task"]]
+    weight = num_cubes * given["mass"] * -world.gravity
     angles = np.linspace(-TURN, TURN, 49) if turns else np.zeros(1)
     middle = len(angles) // 2
     targets = np.zeros((len(angles), world.num_controls))
@@ -192,7 +196,7 @@ HAND = (
         "allegro-cubes",
         "hand Allegro holds a stack of cubes by its fingertips; task=1: turns one",
         5.0,
-        "Carpentier, Le Lidec, Montaut 2024, Fig. 3, 5; example-robot-data",
+        f"{PAPER}, Fig. 3, 5; example-robot-data",
         allegro_cubes,
         drive,
     ),
