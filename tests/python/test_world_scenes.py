@@ -7,8 +7,8 @@ import signorini
 from signorini import InvalidInputError
 from signorini.scenes import worlds
 
-BUILT_IN = ("cube-stack", "spheres", "boxes")
-ROBOTS = ("humanoid", "talos-fall", "talos-wall", "ur5", "ur5-wall")
+BUILT_IN = ("cube-stack", "cube-wall", "spheres", "boxes", "capsules-box", "chain", "cable")
+ROBOTS = ("humanoid", "talos-fall", "talos-wall", "ur5", "ur5-wall", "allegro-cubes")
 
 
 def started(name, **options):
@@ -53,7 +53,7 @@ def test_cube_stack():
     np.testing.assert_allclose(np.linalg.norm(offsets, axis=1), 0.005)
 
 
-@pytest.mark.parametrize("name", ["spheres", "boxes"])
+@pytest.mark.parametrize("name", ["spheres", "boxes", "capsules-box"])
 def test_granular_scenes_follow_seed_and_size(name):
     a, b, c = started(name, size=40), started(name, size=40), started(name, size=40, seed=1)
     np.testing.assert_array_equal(a.q, b.q)
