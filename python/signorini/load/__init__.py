@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Added", "add_file", "exclude_overlapping_pairs", "file_format", "load"]
 
-Format = Literal["urdf", "mjcf"]
+Format = Literal["urdf", "mjcf", "sdf"]
 PathLike = str | os.PathLike[str]
 GRAVITY = (0.0, 0.0, -9.81)
 
@@ -58,12 +58,13 @@ def load(
     repair_inertia: bool = False,
     builder: WorldBuilder | None = None,
 ) -> World:
-    """Builds a world from a robot file (URDF, MJCF).
+    """Builds a world from a robot file (URDF, MJCF, SDF).
 
     format: None: by the file's root element. ground: True adds a half space below z = 0, a number one below that height
     [m], of `ground_material`. gravity: [m/s^2]; None: the file's, else (0, 0, -9.81). exclude_overlapping: pairs of
     bodies of this robot that overlap at initial_q never touch, and world.warnings lists them; a function of the world
-    that returns a configuration (nq,) adds one to look at; None: True for URDF, False for MJCF, which lists its own.
+    that returns a configuration (nq,) adds one to look at; None: False for MJCF, which lists its
+    own, else True.
     builder: to add to; then `gravity` must not be given. The other arguments: see add_file().
 
     What a file asks for and the world does not have is listed in world.warnings. Raises InvalidInputError naming file,
@@ -74,7 +75,7 @@ def load(
     options = _options(
         prefix, position, orientation, floating_base, package_dirs, material, motors, hull_vertices, repair_inertia
     )
-    source = _read(path, format)
+    source = _read(path, format, options)
     if builder is None:
         from signorini._world import WorldBuilder
 
@@ -85,7 +86,7 @@ def load(
     if ground is not False:
         builder.add_ground(ground_material, 0.0 if ground is True else float(ground))
     if exclude_overlapping is None:
-        exclude_overlapping = format == "urdf"
+        exclude_overlapping = format != "mjcf"
     world = _build(builder, path)
     if exclude_overlapping is False:
         return world
@@ -117,13 +118,13 @@ def add_file(
     """Adds what is in a robot file to a builder; returns the names and indices of what was added.
 
     format: None: by the file's root element. prefix: of every name. position [m], orientation (quaternion x y z w or
-    3 x 3): of the robot's root in the world. floating_base: True hangs the root on a free joint "root_joint" (URDF;
-    an MJCF file says itself); None: False. package_dirs: folders that hold packages or are one, for package:// names.
-    srdf: file whose disabled pairs of links never touch. material: for all geometries, or by body, {name or pattern:
-    material}, the first that fits; else the file's (MJCF) or the default. motors: one on each joint of one value
-    (URDF), the file's (MJCF). self_collision: False: bodies of this file never touch each other. hull_vertices: largest
-    number of vertices of a mesh's hull; None: no limit. repair_inertia: inertias that no body can have are mended and
-    not refused.
+    3 x 3): of the robot's root in the world. floating_base: True hangs a URDF's root on a free joint "root_joint",
+    False fixes what floats in an SDF file; None: fixed (URDF), as the file says (SDF; always MJCF). package_dirs:
+    folders that hold packages or are one, for package:// names. srdf: file whose disabled pairs of links never touch.
+    material: for all geometries, or by body, {name or pattern: material}, the first that fits; else the file's (MJCF,
+    SDF) or the default. motors: one on each joint of one value (URDF, SDF), the file's (MJCF). self_collision: False:
+    bodies of this file never touch each other. hull_vertices: largest number of vertices of a mesh's hull; None: no
+    limit. repair_inertia: inertias that no body can have are mended and not refused.
 
     Raises InvalidInputError naming file, line and element, and what is allowed. What had been added by then stays in
     the builder.
@@ -132,7 +133,7 @@ def add_file(
     options = _options(
         prefix, position, orientation, floating_base, package_dirs, material, motors, hull_vertices, repair_inertia
     )
-    return _add(builder, _read(path, format), options, self_collision, srdf)
+    return _add(builder, _read(path, format, options), options, self_collision, srdf)
 
 
 def file_format(path: PathLike) -> Format:
@@ -142,15 +143,15 @@ def file_format(path: PathLike) -> Format:
     if suffix == ".xacro":
         raise InvalidInputError(f"{path}: is xacro, not URDF; expand it first: xacro FILE.xacro > FILE.urdf")
     if suffix not in (".urdf", ".xml", ".mjcf", ".sdf", ".world", ""):
-        raise InvalidInputError(f'{path}: has suffix "{suffix}"; robot files are .urdf, .xml or .mjcf')
+        raise InvalidInputError(f'{path}: has suffix "{suffix}"; robot files are .urdf, .xml, .mjcf or .sdf')
     tag = _xml.root_tag(path)
     if tag == "robot":
         return "urdf"
     if tag in ("mujoco", "mujocoinclude"):
         return "mjcf"
     if tag == "sdf":
-        raise InvalidInputError(f"{path}: is SDF, which is not read yet; convert it to URDF or MJCF")
-    raise InvalidInputError(f"{path}: its root is <{tag}>, must be <robot> (URDF) or <mujoco> (MJCF)")
+        return "sdf"
+    raise InvalidInputError(f"{path}: its root is <{tag}>, must be <robot> (URDF), <mujoco> (MJCF) or <sdf>")
 
 
 def exclude_overlapping_pairs(
@@ -223,7 +224,7 @@ class _Source(Protocol):
     def add(self, builder: WorldBuilder, options: Options) -> Added: ...
 
 
-def _read(path: Path, format: Format | None) -> _Source:
+def _read(path: Path, format: Format | None, options: Options) -> _Source:
     format = format or file_format(path)
     if format == "urdf":
         from signorini.load import urdf
@@ -233,7 +234,11 @@ def _read(path: Path, format: Format | None) -> _Source:
         from signorini.load import mjcf
 
         return mjcf.read(path)
-    raise InvalidInputError(f"format: is {format!r}, must be 'urdf', 'mjcf' or None")
+    if format == "sdf":
+        from signorini.load import sdf
+
+        return sdf.read(path, options.package_dirs)
+    raise InvalidInputError(f"format: is {format!r}, must be 'urdf', 'mjcf', 'sdf' or None")
 
 
 def _add(
