@@ -35,7 +35,7 @@ Array = npt.NDArray[np.float64]
 MAX_COLLIDING = 4000  # links of one model that do not collide with each other
 HALF_SPAN = 0.05  # [m] from the frame of a revolute joint that closes a loop to the points of its axis that are held
 #: Of what closes loops [N/m, N m/rad]. Rigid, a loop in a plane could not move: its axes are parallel but for rounding.
-LOOP_STIFFNESS = 1e9
+LOOP_STIFFNESS = 1e10
 OPEN = 1e-6  # [m, rad] that loops may be open at the start, of the same cause
 _PASSED_OVER = "joints that close loops only hold together; not carried over"
 
@@ -52,6 +52,11 @@ class Robot(urdf.Robot):
     def gravity(self) -> tuple[float, float, float] | None:
         """Of a <world>; a <model> alone says nothing about it."""
         return self.world_gravity
+
+    def collide_as_seen(self) -> None:
+        """Takes what links look like for what collides, in place of their own collisions."""
+        for link in self.sdf_links:
+            link.collisions = [collision(element, link) for element in link.element.all("visual")]
 
     def add(self, builder: WorldBuilder, options: Options) -> Added:
         return _Adder(builder, self, options).add()
