@@ -598,11 +598,12 @@ class World:
 
         return gaps(self, self.initial_q if q is None else _vector(q, self.num_q, "q"))
 
-    def closed_configuration(self, q: ArrayLike | None = None, *, tolerance: float = 1e-9) -> Array:
+    def closed_configuration(self, q: ArrayLike | None = None, *, tolerance: float = 1e-6) -> Array:
         """A configuration next to q (default: initial_q) at which equalities hold and joints are within their limits;
         free joints stay as they are.
 
-        Raises InvalidInputError when none is found at which they hold to `tolerance`.
+        Raises InvalidInputError when none is found at which they hold to `tolerance` [m, rad]. (Loops in a plane, whose
+        axes are parallel but for rounding, do not close perfectly.)
         """
         from signorini._closure import closed
 

@@ -154,7 +154,7 @@ DOCUMENTS = {
     "too deep": ("<robot>" + "<a>" * 10_000, ["deep"]),
     "unknown encoding": ('<?xml version="1.0" encoding="klingon"?><robot/>', ["encoding"]),
     "control character": ("<robot>\x01</robot>", ["no well-formed XML"]),
-    "sdf": ("<sdf/>", ["SDF"]),
+    "sdf without version": ("<sdf/>", ["sdf", "version"]),
     "other root": ("<html/>", ["<html>", "<robot>"]),
 }
 

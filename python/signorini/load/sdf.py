@@ -36,7 +36,6 @@ MAX_COLLIDING = 4000  # links of one model that do not collide with each other
 HALF_SPAN = 0.05  # [m] from the frame of a revolute joint that closes a loop to the points of its axis that are held
 #: Of what closes loops [N/m, N m/rad]. Rigid, a loop in a plane could not move: its axes are parallel but for rounding.
 LOOP_STIFFNESS = 1e10
-OPEN = 1e-6  # [m, rad] that loops may be open at the start, of the same cause
 _PASSED_OVER = "joints that close loops only hold together; not carried over"
 
 
@@ -240,7 +239,7 @@ class _Adder(urdf.Adder):
         except InvalidInputError as error:
             raise InvalidInputError(f"{self._robot.file}: {error}") from None
         try:
-            q = world.closed_configuration(tolerance=OPEN)
+            q = world.closed_configuration()
         except InvalidInputError as error:
             self._warnings.add(f"loops are open at the start: {error}")
             return {}

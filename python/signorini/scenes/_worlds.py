@@ -189,7 +189,7 @@ def cassie(height: float = 0.02, *, friction: float = 0.8) -> Start:
     builder.add_ground(material)
     world = builder.build()
     state = srdf.read(folder / "srdf" / "cassie_v2.srdf").states["standing"]
-    q = world.closed_configuration(srdf.configuration(world, state), tolerance=1e-6)
+    q = world.closed_configuration(srdf.configuration(world, state))
     root = world.q_slice("root_joint")
     q[root] = [0.0, 0.0, q[root][2], 0.0, 0.0, 0.0, 1.0]
     exclude_overlapping_pairs(builder, world, [added], [q])
