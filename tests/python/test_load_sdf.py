@@ -233,12 +233,14 @@ def test_inertia_is_one_where_none_is_given(tmp_path):
 
 
 @pytest.mark.parametrize("turned", [False, True])
-@pytest.mark.parametrize("kind", ["revolute", "prismatic", "universal", "revolute2", "ball", "screw"])
+@pytest.mark.parametrize("kind", ["revolute", "prismatic", "universal", "revolute2", "ball", "screw", "old screw"])
 def test_joints_either_way_round(tmp_path, kind, turned):
     """The child is held and the parent hangs on it: values are still those of the child in the parent."""
     ends = ("b", "a") if turned else ("a", "b")  # b is the child
     axis2 = "<axis2><xyz>0 1 0.5</xyz></axis2>" if kind in ("universal", "revolute2") else ""
     more = axis2 + ("<screw_thread_pitch>0.3</screw_thread_pitch>" if kind == "screw" else "")
+    if kind == "old screw":  # radians a metre, left-handed
+        kind, more = "screw", f"<thread_pitch>{-2 * math.pi / 0.3!r}</thread_pitch>"
     text = sdf(
         link("a", "1 0 0 0.1 0.2 0")
         + link("b", "0 1 0 0 0.3 0.4")
@@ -507,6 +509,51 @@ def test_what_a_closing_joint_loses_is_listed_and_its_links_never_touch(tmp_path
     world = load(tmp_path, text, exclude_overlapping=False)
     assert any("close loops" in warning and "bc (damping)" in warning for warning in world.warnings)
     assert world.touching_pairs(margin=1.0) == []
+
+
+def test_a_hinge_that_closes_a_loop_holds_its_axis(tmp_path):
+    axis2 = "<axis2><xyz>0 1 0</xyz></axis2>"
+    text = sdf(
+        link("a", "0 0 0 0.1 0.2 0.3")
+        + link("b", "1 0 0 0 0 0.4")
+        + joint("hold", "world", "a", "fixed", "")
+        + joint("tree", "a", "b", "universal", "<xyz>1 0 0</xyz>", more=axis2)
+        + joint("hinge", "a", "b", axis="<xyz>1 0 0</xyz>")
+    )
+    world = load(tmp_path, text)
+    assert [c.name for c in world.constraints] == ["hinge", "hinge_2"]
+    np.testing.assert_allclose(world.constraint_gaps([0.3, 0.0]), 0.0, atol=1e-14)
+    assert np.abs(world.constraint_gaps([0.3, 0.1])).max() > 0.004
+    for side in ("placement_a", "placement_b"):
+        one, other = (getattr(c, side).translation for c in world.constraints)
+        np.testing.assert_allclose(one + other, 0.0 if side == "placement_b" else 2 * relative(world, None, "a", "b")[0])
+        assert np.linalg.norm(one - other) == pytest.approx(0.1)
+
+
+def test_slopes_of_the_gaps():
+    """Gauss-Newton's matrix against differences, far from closed (the turns of a weld: where they are 0)."""
+    from signorini import Joint, WorldBuilder, _closure
+
+    builder = WorldBuilder()
+    for name, parent in (("a", "world"), ("b", "a"), ("c", "b"), ("d", "a")):
+        hinge = Joint(name, "ball") if name == "c" else Joint(name, axis=(0.3, 1.0, 0.2), anchor=(0.1, 0.0, 0.2))
+        position = (0.2, 0.3, 0.1)
+        builder.add_body(name, parent=parent, position=position, joints=[hinge], mass=1.0, inertia=np.eye(3))
+    builder.add_connect("c", "d", (0.1, 0.2, 0.3), (0.2, 0.0, 0.1))
+    builder.add_coupling("b", "d", (0.1, 2.0, 0.5), reference=0.2, driver_reference=0.3)
+    builder.add_weld("c", "world", position_a=(0.1, 0.0, 0.0), position_b=(0.0, 0.2, 0.0))
+    world = builder.build()
+    q, h = world.initial_q, 1e-6
+    for turned in (False, True):
+        if turned:
+            q = world.integrate(q, np.random.default_rng(3).uniform(-0.5, 0.5, world.num_v), 1.0)
+        slopes = _closure._jacobian(world, q)
+        ahead, back = (
+            np.transpose([_closure.gaps(world, world.integrate(q, step, s)) for step in np.eye(world.num_v)])
+            for s in (h, -h)
+        )
+        rows = 7 if turned else 10
+        np.testing.assert_allclose(slopes[:rows], ((ahead - back) / (2 * h))[:rows], atol=1e-8)
 
 
 def test_two_fixed_joints_are_a_weld(tmp_path):
