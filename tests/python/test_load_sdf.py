@@ -526,7 +526,9 @@ def test_a_hinge_that_closes_a_loop_holds_its_axis(tmp_path):
     assert np.abs(world.constraint_gaps([0.3, 0.1])).max() > 0.004
     for side in ("placement_a", "placement_b"):
         one, other = (getattr(c, side).translation for c in world.constraints)
-        np.testing.assert_allclose(one + other, 0.0 if side == "placement_b" else 2 * relative(world, None, "a", "b")[0])
+        np.testing.assert_allclose(
+            one + other, 0.0 if side == "placement_b" else 2 * relative(world, None, "a", "b")[0]
+        )
         assert np.linalg.norm(one - other) == pytest.approx(0.1)
 
 

@@ -63,7 +63,10 @@ def run(
     dt: Annotated[float, typer.Option(help="Time step [s], in [1e-6, 0.1].")] = 1e-3,
     ground: Annotated[bool, typer.Option("--ground", help="Files: add a floor below z = 0.")] = False,
     floating: Annotated[
-        bool | None, typer.Option("--floating/--fixed", help="URDF files: free or fixed base; default: fixed.")
+        bool | None,
+        typer.Option(
+            "--floating/--fixed", help="URDF, SDF files: free or fixed base; default: fixed (URDF), the file's (SDF)."
+        ),
     ] = None,
     option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="Of a scene; again for more.")] = None,
     law: Annotated[Law, typer.Option(help="Signorini and Coulomb (ncp), or its convex relaxation (ccp).")] = Law.NCP,
