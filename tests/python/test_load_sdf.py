@@ -643,6 +643,20 @@ def test_links_of_a_model_touch_only_on_request(tmp_path):
     assert pairs("<self_collide>true</self_collide>", self_collision=False) == set()
 
 
+def test_models_of_a_world_that_overlap_still_touch(tmp_path):
+    def ball(model, name, where):
+        return f'<model name="{model}"><self_collide>1</self_collide><pose>{where}</pose>' + "".join(
+            link(f"{name}{i}", f"{i} 0 0 0 0 0", f"<collision name='c'>{SPHERE}</collision>") for i in (0, 0.1)
+        ) + "</model>"  # fmt: skip
+
+    text = sdf(ball("x", "a", "0 0 0 0 0 0") + ball("y", "b", "0 0 0.3 0 0 0"), world=True)
+    for options in ({}, {"self_collision": False}):
+        world = load(tmp_path, text, **options)
+        pairs = world.touching_pairs(margin=0.0)
+        bodies = {tuple(world.body_names[world.geometries[g].body] for g in pair[:2]) for pair in pairs}
+        assert bodies == {(f"x::a{i}", f"y::b{j}") for i in (0, 0.1) for j in (0, 0.1)}
+
+
 def test_surfaces(tmp_path):
     def collision(name, surface):
         return f'<collision name="{name}">{SPHERE}<surface>{surface}</surface></collision>'

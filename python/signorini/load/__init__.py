@@ -123,7 +123,7 @@ def add_file(
     folders that hold packages or are one, for package:// names. srdf: file whose disabled pairs of links never touch.
     material: for all geometries, or by body, {name or pattern: material}, the first that fits; else the file's (MJCF,
     SDF) or the default. motors: one on each joint of one value (URDF, SDF), the file's (MJCF). self_collision: False:
-    bodies of this file never touch each other. hull_vertices: largest number of vertices of a mesh's hull; None: no
+    bodies of this robot never touch each other. hull_vertices: largest number of vertices of a mesh's hull; None: no
     limit. repair_inertia: inertias that no body can have are mended and not refused.
 
     Raises InvalidInputError naming file, line and element, and what is allowed. What had been added by then stays in
@@ -157,18 +157,18 @@ def file_format(path: PathLike) -> Format:
 def exclude_overlapping_pairs(
     builder: WorldBuilder, world: World, added: Iterable[Added], configurations: Iterable[npt.ArrayLike] | None = None
 ) -> list[tuple[str, str]]:
-    """Excludes in the builder every pair of bodies of one file that overlaps in one of the configurations.
+    """Excludes in the builder every pair of bodies of one robot that overlaps in one of the configurations.
 
     world: what the builder builds now. added: what add_file() returned. configurations: each (nq,); None: the initial
     one. Returns the pairs, which are also in builder.warn; build again when there are any.
     """
     found: dict[tuple[str, str], float] = {}
-    owners = [(file, file.body_of_geometry) for file in added]
+    files = list(added)
     for q in [world.initial_q] if configurations is None else configurations:
         for a, b, distance in world.touching_pairs(np.asarray(q, dtype=np.float64), 0.0):
-            for _, body_of in owners:
-                if a in body_of and b in body_of and distance < 0.0:
-                    pair = body_of[a], body_of[b]
+            for file in files:
+                pair = file.body_of_geometry.get(a, ""), file.body_of_geometry.get(b, "")
+                if all(pair) and file.together(*pair) and distance < 0.0:
                     found[pair] = min(found.get(pair, 0.0), distance)
     for body_a, body_b in found:
         builder.exclude(body_a, body_b)
@@ -260,7 +260,8 @@ def _add(
         bodies = list(dict.fromkeys(added.body_of_geometry.values()))
         for i, body in enumerate(bodies):
             for other in bodies[:i]:
-                builder.exclude(other, body)
+                if added.together(other, body):
+                    builder.exclude(other, body)
     return added
 
 

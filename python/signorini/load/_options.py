@@ -39,12 +39,18 @@ class Options:
 
 @dataclass
 class Added:
-    """What one file put into a builder: bodies and geometries by name in the world and index."""
+    """What one file put into a builder: bodies and geometries by name in the world and index. models: of a file with
+    several, the one that a body is in."""
 
     file: Path
     bodies: list[str] = field(default_factory=list)
     geometries: list[int] = field(default_factory=list)
     body_of_geometry: dict[int, str] = field(default_factory=dict)
+    models: dict[str, str] = field(default_factory=dict)
+
+    def together(self, body_a: str, body_b: str) -> bool:
+        """Whether two bodies are of one robot."""
+        return self.models.get(body_a) == self.models.get(body_b)
 
 
 class Warnings:

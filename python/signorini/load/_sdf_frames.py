@@ -53,6 +53,14 @@ class Scope:
     joints: dict[str, Frame] = field(default_factory=dict)
     scopes: dict[str, Scope] = field(default_factory=dict)
 
+    @property
+    def top(self) -> Scope:
+        """The outermost model around it."""
+        scope = self
+        while scope.parent is not None and scope.parent.parent is not None:
+            scope = scope.parent
+        return scope
+
     def find(self, name: str, element: Element, field: str) -> Frame:
         """The frame that a name stands for; field: where the name is, for the error."""
         scope, last = self, name

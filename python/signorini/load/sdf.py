@@ -93,7 +93,9 @@ class _Adder(urdf.Adder):
         inertias = self._inertias()
         self._add_bodies(self._builder, inertias, self._start(inertias))
         for link in self._links:
-            self._added.bodies.append(self._name(link.name))
+            name = self._name(link.name)
+            self._added.bodies.append(name)
+            self._added.models[name] = self._name(link.scope.top.path)
             for number, shape in enumerate(link.collisions):
                 self._add_collision(link, shape, number)
             for element in link.element.all("visual"):
