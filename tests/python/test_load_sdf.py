@@ -928,6 +928,8 @@ MALFORMED = {  # inside of the model: what the message must name
     "include of nothing": ("<include><uri>model://gone</uri></include>", ["include", "model://gone", "package_dirs"]),
     "include from the web": ("<include><uri>https://x.org/y</uri></include>", ["include", "https://"]),
     "include out of a package": ("<include><uri>model://p/../../x</uri></include>", ["include", "out of its package"]),
+    "include of a long name": (f"<include><uri>{'9' * 400}</uri></include>", ["include", "not there"]),
+    "package with a long name": (f"<include><uri>model://{'9' * 400}</uri></include>", ["include", "not there"]),
     "include of itself": ("<include><uri>robot.sdf</uri></include>", ["include", "included by itself"]),
     "include in a ring": ("<include><uri>ring.sdf</uri></include>", ["ring.sdf", "included by itself"]),
     "include of two models": ("<include><uri>two.sdf</uri></include>", ["include", "2 models"]),

@@ -47,7 +47,7 @@ class FileFinder:
                 element.fail(f'filename is "{name}": only package://, model://, file:// and plain paths are read')
             candidates = [Path(os.path.abspath(element.file)).parent / name]
         for candidate in candidates:
-            if candidate.is_file():
+            if os.path.isfile(candidate):
                 return candidate
         self._missing(element, name, candidates)
 
@@ -67,11 +67,11 @@ class FileFinder:
             plain = unquote(name[len("file://") :]) if name.startswith("file://") else name
             folders = [Path(os.path.abspath(element.file)).parent / plain]
         for folder in folders:
-            if folder.is_file():
+            if os.path.isfile(folder):
                 return folder
-            if (folder / "model.config").is_file():
+            if os.path.isfile(folder / "model.config"):
                 return _named_by_config(element, folder / "model.config")
-            if (folder / "model.sdf").is_file():
+            if os.path.isfile(folder / "model.sdf"):
                 return folder / "model.sdf"
         self._missing(element, name, folders)
 
@@ -104,7 +104,7 @@ class FileFinder:
         for root in roots:
             if root.name == package or _declares(root, package):
                 yield root
-            if (root / package).is_dir():
+            if os.path.isdir(root / package):
                 yield root / package
 
 
@@ -123,7 +123,7 @@ def _named_by_config(element: Element, config: Path) -> Path:
     name = max(entries)[1]
     if not name or os.path.normpath(name).startswith(("..", "/")):
         element.fail(f'its {config} names "{name}", which is not in its folder')
-    if not (config.parent / name).is_file():
+    if not os.path.isfile(config.parent / name):
         element.fail(f'its {config} names "{name}", which is not there')
     return config.parent / name
 
