@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from signorini.load import _sdf_frames, urdf
+from signorini.load._options import Warnings
 from signorini.load._placement import Placement, about, basis, identity
 from signorini.load._sdf_frames import Scope
 from signorini.load._xml import Element
@@ -23,6 +24,7 @@ AXES: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("universal", "revolute2"), ("axis", "axis2")),
     **dict.fromkeys(("fixed", "ball"), ()),
 }
+PARALLEL = 1e-3  # [rad] by which axes of a loop in a plane may differ
 CLOSING = ("revolute", "continuous", "ball", "fixed")
 SHAPES = ("box", "sphere", "cylinder", "capsule", "ellipsoid", "plane", "mesh")
 NO_SHAPES = ("empty", "heightmap", "polyline", "image", "cone")
@@ -63,13 +65,15 @@ class Axis:
 
 @dataclass(eq=False)
 class Link(urdf.Link):
-    """place: in the world of the file. hung: the joint that carries it in the tree, on `up` (None: the world)."""
+    """place: in the world of the file. hung: the joint that carries it in the tree, on `up` (None: the world).
+    depth: how many joints carry it."""
 
     scope: Scope = field(kw_only=True)
     self_collide: bool = False
     place: Placement = field(default_factory=identity)
     hung: SdfJoint | None = None
     up: Link | None = None
+    depth: int = 0
 
 
 @dataclass(eq=False)
@@ -84,6 +88,7 @@ class SdfJoint:
     element: Element
     axes: list[Axis] = field(default_factory=list)
     cut: bool = False
+    planar: bool = False  # it closes a loop in a plane
 
     @property
     def rank(self) -> int:
@@ -126,7 +131,7 @@ def hang(links: Sequence[Link], joints: Sequence[SdfJoint]) -> tuple[list[Link],
             _, depth, number, joint, up, link = heapq.heappop(heap)
             if link not in reached:
                 used.add(joint)
-                link.hung, link.up = joint, up
+                link.hung, link.up, link.depth = joint, up, depth
                 if up is None:
                     roots.append((number_of[link], link))
                 else:
@@ -150,12 +155,66 @@ def hang(links: Sequence[Link], joints: Sequence[SdfJoint]) -> tuple[list[Link],
         link = stack.pop()[1]
         ordered.append(link)
         stack.extend(sorted(below[link], key=lambda entry: -entry[0]))
-    still = {None, *fixed}
-    loops = [joint for joint in joints if joint not in used and not (joint.parent in still and joint.child in still)]
+    head: dict[Link | None, Link | None] = {None: None}  # what a link is fixed to, the last of them
+    for link in ordered:
+        at_rest = link.scope.static or (link.hung is not None and link.hung.type == "fixed")
+        head[link] = head[link.up] if at_rest else link
+    # What joins links that cannot move against each other holds anyway: all joints do at q = 0.
+    loops = [joint for joint in joints if joint not in used and head[joint.parent] is not head[joint.child]]
     for joint in loops:
         if joint.type not in CLOSING:
             joint.element.fail(f"a {joint.type} joint cannot close a loop; {', '.join(CLOSING)} can")
     return ordered, loops
+
+
+def straighten(loops: Sequence[SdfJoint], warnings: Warnings) -> None:
+    """Makes the axes of loops in a plane parallel. In files they are so to a few digits, and without it they could not
+    move: a loop needs seven freedoms, or axes that are parallel (or meet in one point)."""
+    groups: list[list[Axis]] = []
+    for joint in loops:
+        axes = _in_plane(_cycle(joint))
+        if axes:
+            joint.planar = True
+            own = set(axes)
+            shared = [group for group in groups if own.intersection(group)]
+            groups = [group for group in groups if group not in shared]
+            groups.append(list(dict.fromkeys(axis for group in [*shared, axes] for axis in group)))
+    for group in groups:
+        first = group[0].direction
+        normal = np.sum([axis.direction * np.sign(axis.direction @ first) for axis in group], axis=0)
+        normal /= np.linalg.norm(normal)
+        for axis in group:
+            straight = normal * np.sign(axis.direction @ normal)
+            if np.linalg.norm(axis.direction - straight) > 1e-9:
+                warnings.add(f"axes of loops in a plane are made parallel (within {PARALLEL:g} rad)", axis.name)
+            axis.direction = straight
+
+
+def _cycle(joint: SdfJoint) -> list[SdfJoint]:
+    """The joints of a loop; none when it has seven freedoms."""
+    found = [joint]
+    a, b = (None if end is None or end.scope.static else end for end in (joint.parent, joint.child))
+    while a is not b and sum(_freedoms(joint) for joint in found) < 7 and len(found) < 1000:
+        if b is None or (a is not None and a.depth >= b.depth):
+            a, b = b, a
+        assert b is not None  # the deeper one
+        assert b.hung is not None
+        found.append(b.hung)
+        b = None if b.up is None or b.up.scope.static else b.up
+    return found if a is b and sum(_freedoms(joint) for joint in found) < 7 else []
+
+
+def _freedoms(joint: SdfJoint) -> int:
+    return {"ball": 3, "screw": 1}.get(joint.type, len(joint.axes))
+
+
+def _in_plane(cycle: Sequence[SdfJoint]) -> list[Axis]:
+    """The axes that links turn about, when they are as good as parallel and nothing slides; else none."""
+    axes = [axis for joint in cycle for axis in joint.axes]
+    if len(axes) < 3 or any(axis.kind != "revolute" for axis in axes):
+        return []
+    first = axes[0].direction
+    return axes if all(np.linalg.norm(np.cross(axis.direction, first)) < PARALLEL for axis in axes) else []
 
 
 def collision(element: Element, link: Link) -> urdf.Collision:

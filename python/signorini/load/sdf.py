@@ -23,7 +23,7 @@ from signorini.load._inertia import Inertia
 from signorini.load._options import Added, Options
 from signorini.load._placement import Placement, from_quaternion, identity
 from signorini.load._sdf_frames import Scope
-from signorini.load._sdf_parts import NO_SHAPES, Axis, Link, SdfJoint, collision, hang, leaf
+from signorini.load._sdf_parts import NO_SHAPES, Axis, Link, SdfJoint, collision, hang, leaf, straighten
 from signorini.load._sdf_reader import WORLD, Reader
 from signorini.load._xml import Element
 
@@ -34,7 +34,7 @@ Array = npt.NDArray[np.float64]
 
 MAX_COLLIDING = 4000  # links of one model that do not collide with each other
 HALF_SPAN = 0.05  # [m] from the frame of a revolute joint that closes a loop to the points of its axis that are held
-#: Of what closes loops [N/m, N m/rad]. Rigid, a loop in a plane could not move: its axes are parallel but for rounding.
+#: Of what closes loops [N/m, N m/rad]. Rigid, rows that are redundant but for a file's rounding would lock what moves.
 LOOP_STIFFNESS = 1e10
 _PASSED_OVER = "joints that close loops only hold together; not carried over"
 
@@ -67,6 +67,7 @@ def read(path: Path, package_dirs: Iterable[PathLike] = ()) -> Robot:
     reader = Reader(path, package_dirs)
     reader.read()
     links, loops = hang(reader.links, reader.joints)
+    straighten(loops, reader.warnings)
     return Robot(
         reader.name,
         path,
@@ -209,8 +210,8 @@ class _Adder(urdf.Adder):
     # Loops
 
     def _close(self, builder: WorldBuilder, joint: SdfJoint) -> None:
-        """Ball: a point is held; revolute: two points of the axis; fixed: the frame. The parent's side of a joint is
-        where the file's poses have it."""
+        """Ball: a point is held; revolute: two points of the axis, one in a plane; fixed: the frame. The parent's side
+        of a joint is where the file's poses have it."""
         (parent, above), (child, inward) = self._above(joint.parent), self._above(joint.child)
         a, b = above @ joint.place, inward @ joint.place
         name = self._name(joint.name)
@@ -220,7 +221,7 @@ class _Adder(urdf.Adder):
             builder.add_weld(parent, child, **on_a, **on_b, name=name, stiffness=LOOP_STIFFNESS)
             return
         points = [np.zeros(3)]
-        if joint.type != "ball":
+        if joint.type != "ball" and not joint.planar:
             along = HALF_SPAN * joint.place.rotation.T @ joint.axes[0].direction
             points = [along, -along]
         for number, point in enumerate(points, 1):
