@@ -786,18 +786,20 @@ def test_what_is_not_read_is_listed(tmp_path):
         + link("b", inertial=UNIT.replace("</inertial>", "<fluid_added_mass><xx>1</xx></fluid_added_mass></inertial>"))
         + joint("j", "a", "b", "ball", more="<physics><ode><erp>0.1</erp></ode></physics><sensor name='s' type='t'/>")
         + joint("g", "a", "b", "gearbox")
+        + link("c", more=f"<collision name='x'><soft/>{SPHERE}</collision>")
+        + joint("k", "b", "c", axis="<xyz>1 0 0</xyz><initial_position>0.3</initial_position>")
     )
     listed = "\n".join(record(tmp_path, text).warnings)
     for words in (
         *(
-            "<plugin> of models",
+            "<plugin> of <model>",
             "<enable_wind>",
             "<gripper>",
             "links without gravity",
             "<velocity_decay>",
-            "<novel> of links",
+            "<novel> of <link>",
         ),
-        *("<fluid_added_mass>", "<axis> of ball joints", "<ode/erp>", "gearbox"),
+        *("<fluid_added_mass>", "<axis> of ball joints", "<ode/erp>", "gearbox", "<soft>", "<initial_position>"),
     ):
         assert words in listed, words
     for words in ("light", "sensor", "must be"):

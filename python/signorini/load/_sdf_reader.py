@@ -24,13 +24,16 @@ WORLD = "world"
 VERSIONS = ((1, 4), (1, 12))
 MAX_NESTING = 40  # models within models, included or not
 INFINITE = 1e16
-#: By element, what is read in it.
+#: By element, what is read in it, or says nothing here.
 _READ = {
     "world": {"gravity", "model", "include", "joint", "frame", "wind"},
     "model": {"pose", "link", "joint", "frame", "model", "include", "static", "self_collide", "enable_wind"},
     "link": {"pose", "inertial", "collision", "visual", "gravity", "self_collide", "velocity_decay", "kinematic"}
     | {"enable_wind"},
     "joint": {"pose", "parent", "child", "axis", "axis2", "physics", "thread_pitch", "screw_thread_pitch"},
+    "axis": {"xyz", "limit", "dynamics", "mimic", "use_parent_model_frame"},
+    "collision": {"pose", "geometry", "surface", "laser_retro", "max_contacts", "density", "auto_inertia_params"},
+    "inertial": {"pose", "mass", "inertia", "density", "auto_inertia_params"},
 }
 _STRUCTURE = {*_READ, *("inertial", "mass", "inertia", "collision", "geometry", "axis", "limit", "dynamics", "surface")}
 _NO_PHYSICS = {
@@ -119,15 +122,16 @@ class Reader:
 
     def _look(self, element: Element, name: str) -> None:
         """At what is in an element and not read."""
+        read = _READ[element.tag.removesuffix("2")]
         for child in element:
-            if child.tag in _READ[element.tag] or child.tag.startswith("experimental:"):
+            if child.tag in read or child.tag.startswith("experimental:"):
                 continue
             if child.tag in _STRUCTURE:
                 child.fail(f"does not belong in <{element.tag}>")
             if child.tag not in _NO_PHYSICS:
-                self.warnings.add(f"<{child.tag}> of {element.tag}s is not read", child.attributes.get("name") or name)
+                self.warnings.add(f"<{child.tag}> of <{element.tag}> is not read", child.attributes.get("name") or name)
         for tag in ("enable_wind", "kinematic"):
-            if tag in _READ[element.tag] and flag(element, tag):
+            if tag in read and flag(element, tag):
                 self.warnings.add(f"<{tag}> is not read", name)
 
     # Models
@@ -197,7 +201,7 @@ class Reader:
             element.fail(f"{path} has {len(models)} models, must have one")
         name = models[0].string("name") if element.find("name") is None else text(element, "name")
         for plugin in element.all("plugin"):
-            self.warnings.add("<plugin> of models is not read", plugin.attributes.get("name") or name)
+            self.warnings.add("<plugin> of <model> is not read", plugin.attributes.get("name") or name)
         before, self._version = self._version, version
         self._open.append(path)
         self._model(models[0], scope, f"{scope.path}{name}::", element)
@@ -215,7 +219,7 @@ class Reader:
             self.warnings.add("links without gravity have it here", name)
         decay = leaf(element, "velocity_decay")
         if decay.number("linear", 0.0) or decay.number("angular", 0.0):
-            self.warnings.add("<velocity_decay> of links is not read", name)
+            self.warnings.add("<velocity_decay> of <link> is not read", name)
         link = Link(name, element, self._inertial(element, name), [], scope=scope)
         link.self_collide = scope.self_collide or flag(element, "self_collide")
         self._links[frame] = link
@@ -225,8 +229,8 @@ class Reader:
         element = leaf(link, "inertial")
         if element.flag("auto"):
             element.fail("auto is true: inertias are not computed from shapes; write mass and inertia")
-        if element.find("fluid_added_mass") is not None:
-            self.warnings.add("<fluid_added_mass> of links is not read", name)
+        if element.children:
+            self._look(element, name)
         mass, entries = element.number("mass", 1.0, 0.0, urdf.MAX_MASS), leaf(element, "inertia")
         xx, yy, zz = (entries.number(key, 1.0, -urdf.MAX_INERTIA, urdf.MAX_INERTIA) for key in ("ixx", "iyy", "izz"))
         xy, xz, yz = (entries.number(key, 0.0, -urdf.MAX_INERTIA, urdf.MAX_INERTIA) for key in ("ixy", "ixz", "iyz"))
@@ -234,6 +238,7 @@ class Reader:
         return about_center.placed(_sdf_frames.pose(element, "")[0])
 
     def _collision(self, element: Element, link: Link) -> urdf.Collision:
+        self._look(element, link.name)
         surface = element.find("surface")
         for inner in leaves(surface):
             if inner not in _SURFACE_READ:
@@ -281,6 +286,7 @@ class Reader:
         return None if carrier is None else self._links[carrier]
 
     def _axis(self, element: Element, joint: SdfJoint, scope: Scope) -> Axis:
+        self._look(element, joint.name)
         xyz = leaf(element, "xyz")
         direction = xyz.vector("text", 3, (0.0, 0.0, 1.0), 1e6)
         length = float(np.linalg.norm(direction))
