@@ -1024,6 +1024,7 @@ def test_malformed(tmp_path, case):
         ("<sdf/>", ["sdf", "version"]),
         ('<sdf version="1.3"><model name="m"/></sdf>', ['"1.3"', "1.4 to 1.12"]),
         ('<sdf version="new"><model name="m"/></sdf>', ['"new"', "1.4 to 1.12"]),
+        (f'<sdf version="1.{"9" * 5000}"><model name="m"/></sdf>', ['"1.999', "1.4 to 1.12"]),
         ('<sdf version="1.9"/>', ["neither"]),
         ('<sdf version="1.9"><model name="a"/><world name="b"/></sdf>', ["world", "second"]),
         ('<sdf version="1.9"><model/></sdf>', ["model", "name"]),
@@ -1036,6 +1037,20 @@ def test_malformed_around_the_model(tmp_path, text, names):
         record(tmp_path, text)
     for name in ("robot.sdf:1", *names):
         assert name in str(error.value)
+
+
+def test_the_command_line_runs_it(tmp_path):
+    from typer.testing import CliRunner
+
+    from signorini.cli.main import app
+
+    (tmp_path / "bar.sdf").write_text(four_bar())
+    for options in ([], ["--fixed"], ["--ground"]):
+        result = CliRunner().invoke(
+            app, ["run", str(tmp_path / "bar.sdf"), "--duration", "0.05", "--json", "-", *options]
+        )
+        assert result.exit_code == 0, result.output
+        assert '"unsolved": 0' in result.output
 
 
 def test_inclusions_are_bounded(tmp_path, monkeypatch):

@@ -115,7 +115,10 @@ def _entries(variable: str) -> list[str]:
 def _named_by_config(element: Element, config: Path) -> Path:
     """Of several <sdf version="...">FILE</sdf> the newest."""
     entries = [
-        (tuple(int(part) for part in re.findall(r"\d+", entry.attributes.get("version", ""))), entry.text.strip())
+        (
+            tuple(int(part) for part in re.findall(r"[0-9]{1,9}", entry.attributes.get("version", ""))),
+            entry.text.strip(),
+        )
         for entry in _xml.parse(config).all("sdf")
     ]
     if not entries:

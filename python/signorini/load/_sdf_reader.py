@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -109,8 +110,8 @@ class Reader:
             root = _xml.parse(path)
             if root.tag != "sdf":
                 root.fail("is no SDF: its root must be <sdf>")
-            words = root.string("version").strip().split(".")
-            version = (int(words[0]), int(words[1])) if len(words) == 2 and all(w.isdigit() for w in words) else (0, 0)
+            found = re.fullmatch(r"\s*([0-9]{1,3})\.([0-9]{1,3})\s*", root.string("version"))
+            version = (0, 0) if found is None else (int(found[1]), int(found[2]))
             if not VERSIONS[0] <= version <= VERSIONS[1]:
                 root.fail(f'version is "{root.string("version")}", must be 1.4 to 1.12')
             self._files[path] = root, version, _size(root)
