@@ -576,6 +576,36 @@ def test_axes_that_are_parallel_to_a_few_digits_do_not_jam_a_plane_loop(tmp_path
     assert found[1] == pytest.approx(found[0], abs=1e-6)
 
 
+@pytest.mark.parametrize("off", [0.0, 1e-4])
+def test_a_slider_crank(tmp_path, off):
+    """Crank of 0.3 m, rod of 0.5 m, whose end slides along x: where the crank is, the slider must be."""
+    sine, cosine = 0.6, 0.8  # of the crank's angle; the rod then dips by asin(0.36)
+    dip = math.asin(0.3 * sine / 0.5)
+    end = 0.3 * cosine + 0.5 * math.cos(dip)
+    y = f"<xyz>0 1 {off}</xyz>"
+    text = sdf(
+        link("crank", f"0 0 0 0 {-math.atan2(sine, cosine)!r} 0")
+        + link("rod", f"{0.3 * cosine} 0 {0.3 * sine} 0 {dip!r} 0")
+        + link("slider", f"{end!r} 0 0 0 0 0")
+        + joint("o", "world", "crank", axis="<xyz>0 1 0</xyz>")
+        + joint("a", "crank", "rod", axis="<xyz>0 1 0</xyz>")
+        + joint("s", "world", "slider", "prismatic", f"<xyz>1 {-off} 0</xyz>")
+        + joint("b", "rod", "slider", axis=y)
+    )
+    world = load(tmp_path, text, gravity=(0, 0, 0))
+    assert [c.name for c in world.constraints] == ["b"]
+    simulator = signorini.Simulator(world)
+    simulator.state.q = world.initial_q
+    simulator.applied_force[world.v_slice("o")] = 1.0
+    simulator.step(1000)
+    q = simulator.state.q
+    angle = math.atan2(sine, cosine) - q[world.q_slice("o")][0]
+    assert abs(q[world.q_slice("o")][0]) > 0.2
+    expected = 0.3 * math.cos(angle) + math.sqrt(0.5**2 - (0.3 * math.sin(angle)) ** 2)
+    assert end + q[world.q_slice("s")][0] == pytest.approx(expected, abs=1e-6)
+    assert any("made parallel" in warning for warning in world.warnings) == (off > 0.0)
+
+
 def test_axes_of_a_loop_that_can_move_stay_as_they_are(tmp_path):
     """Seven freedoms: nothing is redundant."""
     text = sdf(

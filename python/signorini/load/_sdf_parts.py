@@ -180,11 +180,13 @@ def straighten(loops: Sequence[SdfJoint], warnings: Warnings) -> None:
             groups = [group for group in groups if group not in shared]
             groups.append(list(dict.fromkeys(axis for group in [*shared, axes] for axis in group)))
     for group in groups:
-        first = group[0].direction
-        normal = np.sum([axis.direction * np.sign(axis.direction @ first) for axis in group], axis=0)
+        turning = [axis.direction for axis in group if axis.kind == "revolute"]
+        normal = np.sum([direction * np.sign(direction @ turning[0]) for direction in turning], axis=0)
         normal /= np.linalg.norm(normal)
         for axis in group:
-            straight = normal * np.sign(axis.direction @ normal)
+            along = normal * (normal @ axis.direction)
+            straight = along if axis.kind == "revolute" else axis.direction - along
+            straight = straight / np.linalg.norm(straight)
             if np.linalg.norm(axis.direction - straight) > 1e-9:
                 warnings.add(f"axes of loops in a plane are made parallel (within {PARALLEL:g} rad)", axis.name)
             axis.direction = straight
@@ -209,12 +211,16 @@ def _freedoms(joint: SdfJoint) -> int:
 
 
 def _in_plane(cycle: Sequence[SdfJoint]) -> list[Axis]:
-    """The axes that links turn about, when they are as good as parallel and nothing slides; else none."""
+    """The axes of a loop when those that links turn about are as good as parallel, and slides are across; else none."""
     axes = [axis for joint in cycle for axis in joint.axes]
-    if len(axes) < 3 or any(axis.kind != "revolute" for axis in axes):
+    turning = [axis.direction for axis in axes if axis.kind == "revolute"]
+    if len(axes) < 3 or not turning:
         return []
-    first = axes[0].direction
-    return axes if all(np.linalg.norm(np.cross(axis.direction, first)) < PARALLEL for axis in axes) else []
+    off = [
+        np.linalg.norm(np.cross(axis.direction, turning[0])) if axis.kind == "revolute" else axis.direction @ turning[0]
+        for axis in axes
+    ]
+    return axes if np.abs(off).max() < PARALLEL else []
 
 
 def collision(element: Element, link: Link) -> urdf.Collision:
