@@ -724,6 +724,24 @@ class World:
         frame = frames[b.frame]
         return frame.rotation @ b.in_frame.translation + frame.translation, frame.rotation @ b.in_frame.rotation
 
+    def constraint_gaps(self, q: ArrayLike | None = None) -> Array:
+        """How far the equalities are from holding at q (default: initial_q): 3 values a connect [m], 6 a weld [m, rad],
+        along the axes of the frame on body a, 1 a coupling; in the order of `constraints`."""
+        from signorini._closure import gaps
+
+        return gaps(self, self.initial_q if q is None else _vector(q, self.num_q, "q"))
+
+    def closed_configuration(self, q: ArrayLike | None = None, *, tolerance: float = 1e-6) -> Array:
+        """A configuration next to q (default: initial_q) at which equalities hold and joints are within their limits;
+        free joints stay as they are.
+
+        Raises InvalidInputError when none is found at which they hold to `tolerance` [m, rad]. (Loops in a plane, whose
+        axes are parallel but for rounding, do not close perfectly.)
+        """
+        from signorini._closure import closed
+
+        return closed(self, self.initial_q if q is None else _vector(q, self.num_q, "q"), tolerance)
+
     def touching_pairs(self, q: ArrayLike | None = None, margin: float = 0.0) -> list[tuple[int, int, float]]:
         """Pairs of geometries (a, b, smallest distance [m]) that may touch and are closer than margin [m] at q."""
         return [

@@ -331,6 +331,7 @@ void Assembler::add_equalities(const Dynamics& dynamics, const ConstVectorRef& q
     }
     const Body& a = world_->bodies()[static_cast<std::size_t>(c.body_a)];
     const Body& b = world_->bodies()[static_cast<std::size_t>(c.body_b)];
+    if (a.frame == b.frame) continue;  // fixed to each other: nothing moves
     const Placement on_a = dynamics.frames()[static_cast<std::size_t>(a.frame)] * a.in_frame * c.placement_a;
     const Placement on_b = dynamics.frames()[static_cast<std::size_t>(b.frame)] * b.in_frame * c.placement_b;
     // Rows along the world's axes.

@@ -91,6 +91,7 @@ INSIDE = {  # of <robot>: what the message must name
     "no radius": (A + shape('<cylinder radius="0" length="1"/>') + AB, ["geometry/cylinder", "radius", "positive"]),
     "flat box": (A + shape('<box size="1 1 0"/>') + AB, ["geometry/box", "1 1 0", "positive"]),
     "missing mesh": (A + shape('<mesh filename="nope.stl"/>') + AB, ["geometry/mesh", "nope.stl", "Looked for at"]),
+    "mesh with a long name": (A + shape(f'<mesh filename="{"9" * 400}.stl"/>') + AB, ["geometry/mesh", "not there"]),
     "missing package": (
         A + shape('<mesh filename="package://nope/x.stl"/>') + AB,
         ["geometry/mesh", "package://nope", "package_dirs"],
@@ -154,7 +155,7 @@ DOCUMENTS = {
     "too deep": ("<robot>" + "<a>" * 10_000, ["deep"]),
     "unknown encoding": ('<?xml version="1.0" encoding="klingon"?><robot/>', ["encoding"]),
     "control character": ("<robot>\x01</robot>", ["no well-formed XML"]),
-    "sdf": ("<sdf/>", ["SDF"]),
+    "sdf without version": ("<sdf/>", ["sdf", "version"]),
     "other root": ("<html/>", ["<html>", "<robot>"]),
 }
 

@@ -454,3 +454,15 @@ def test_keyframes_of_models_with_activation(tmp_path):
     q, v = mjcf.keyframe(path, world, "k")
     assert q == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
     assert v == pytest.approx([5, 4, 3, 2, 1])
+
+
+def test_a_weld_of_bodies_that_are_fixed_to_each_other_does_nothing():
+    builder = WorldBuilder()
+    builder.add_body("a", joints=[signorini.Joint("a", "free")], mass=1.0, inertia=np.eye(3))
+    builder.add_body("b", parent="a", position=(1, 0, 0), mass=1.0, inertia=np.eye(3))
+    builder.add_weld("a", "b")
+    builder.add_connect("a", "b", (0, 0, 0), (0, 0, 0))
+    simulator = Simulator(builder.build())
+    simulator.step(10)
+    assert simulator.report.status == "solved"
+    assert simulator.state.v[2] == pytest.approx(-9.81e-2)

@@ -77,7 +77,10 @@ def run(
         bool, typer.Option("--ground", help="Files: add a floor that the lowest point just touches.")
     ] = False,
     floating: Annotated[
-        bool | None, typer.Option("--floating/--fixed", help="URDF files: free or fixed base; default: fixed.")
+        bool | None,
+        typer.Option(
+            "--floating/--fixed", help="URDF, SDF files: free or fixed base; default: fixed (URDF), the file's (SDF)."
+        ),
     ] = None,
     option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="Of a scene; again for more.")] = None,
     law: Annotated[Law, typer.Option(help="Signorini and Coulomb (ncp), or its convex relaxation (ccp).")] = Law.NCP,

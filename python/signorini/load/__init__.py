@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Added", "add_file", "exclude_overlapping_pairs", "file_format", "load"]
 
-Format = Literal["urdf", "mjcf"]
+Format = Literal["urdf", "mjcf", "sdf"]
 PathLike = str | os.PathLike[str]
 GRAVITY = (0.0, 0.0, -9.81)
 
@@ -63,13 +63,13 @@ def load(
     decompose: bool | str | Iterable[str] = False,
     builder: WorldBuilder | None = None,
 ) -> World:
-    """Builds a world from a robot file (URDF, MJCF).
+    """Builds a world from a robot file (URDF, MJCF, SDF).
 
     format: None: by the file's root element. ground: True adds a half space below z = 0, a number one below that height
     [m], "touching" one that the lowest point of what moves just touches at initial_q; of `ground_material`. gravity:
     [m/s^2]; None: the file's, else (0, 0, -9.81). exclude_overlapping: pairs of bodies of this robot that overlap at
     initial_q never touch, and world.warnings lists them; a function of the world that returns a configuration (nq,)
-    adds one to look at; None: True for URDF, False for MJCF, which lists its own. builder: to add to; then `gravity`
+    adds one to look at; None: False for MJCF, which lists its own, else True. builder: to add to; then `gravity`
     must not be given. The other arguments: see add_file().
 
     What a file asks for and the world does not have is listed in world.warnings. Raises InvalidInputError naming file,
@@ -127,7 +127,7 @@ def assemble(
 ) -> Loaded:
     """load() for those who need the builder too."""
     format = format or file_format(path)
-    source = _read(path, format)
+    source = _read(path, format, options)
     if builder is None:
         from signorini._world import WorldBuilder
 
@@ -138,7 +138,7 @@ def assemble(
     if ground is not False and ground != "touching":
         builder.add_ground(ground_material, 0.0 if ground is True else float(ground))
     if exclude_overlapping is None:
-        exclude_overlapping = format == "urdf"
+        exclude_overlapping = format != "mjcf"
     world = _build(builder, path)
     if exclude_overlapping is not False:
         configurations = [world.initial_q]
@@ -149,8 +149,8 @@ def assemble(
     if ground == "touching":
         height = lowest_point(world)
         if height is None:
-            raise InvalidInputError(f"{path}: has nothing that collides and has an end, so no ground touches it")
-        builder.add_ground(ground_material, height)
+            builder.warn(f"{path.name}: has nothing that collides, so the ground touches nothing; it is at z = 0")
+        builder.add_ground(ground_material, height or 0.0)
         world = _build(builder, path)
     return Loaded(world, builder, added)
 
@@ -177,16 +177,16 @@ def add_file(
     """Adds what is in a robot file to a builder; returns the names and indices of what was added.
 
     format: None: by the file's root element. prefix: of every name. position [m], orientation (quaternion x y z w or
-    3 x 3): of the robot's root in the world. floating_base: True hangs the root on a free joint "root_joint" (URDF;
-    an MJCF file says itself); None: False. package_dirs: folders that hold packages or are one, for package:// names.
-    srdf: file whose disabled pairs of links never touch. material: for all geometries, or by body, {name or pattern:
-    material}, the first that fits; else the file's (MJCF) or the default. motors: one on each joint of one value
-    (URDF), the file's (MJCF). self_collision: False: bodies of this file never touch each other. hull_vertices: largest
-    number of vertices of a mesh's hull; None: no limit. repair_inertia: inertias that no body can have are mended and
-    not refused. compliance: what MJCF's solref and solimp become: "file": springs with dampers where the file sets
-    them, rigid where it does not; "rigid": rigid; "all": springs everywhere (docs/robot_files.md). decompose: concave
-    meshes, of all bodies or of those of this name, pattern or list, become several convex pieces, "name_0", "name_1",
-    ...; ImportError without the package coacd.
+    3 x 3): of the robot's root in the world. floating_base: True hangs a URDF's root on a free joint "root_joint",
+    False fixes what floats in an SDF file; None: fixed (URDF), as the file says (SDF; always MJCF). package_dirs:
+    folders that hold packages or are one, for package:// names. srdf: file whose disabled pairs of links never touch.
+    material: for all geometries, or by body, {name or pattern: material}, the first that fits; else the file's (MJCF,
+    SDF) or the default. motors: one on each joint of one value (URDF, SDF), the file's (MJCF). self_collision: False:
+    bodies of this robot never touch each other. hull_vertices: largest number of vertices of a mesh's hull; None: no
+    limit. repair_inertia: inertias that no body can have are mended and not refused. compliance: what MJCF's solref and
+    solimp become: "file": springs with dampers where the file sets them, rigid where it does not; "rigid": rigid;
+    "all": springs everywhere (docs/robot_files.md). decompose: concave meshes, of all bodies or of those of this name,
+    pattern or list, become several convex pieces, "name_0", "name_1", ...; ImportError without the package coacd.
 
     Raises InvalidInputError naming file, line and element, and what is allowed. What had been added by then stays in
     the builder.
@@ -205,7 +205,7 @@ def add_file(
         compliance,
         decompose,
     )
-    return _add(builder, _read(path, format), options, self_collision, srdf)
+    return _add(builder, _read(path, format, options), options, self_collision, srdf)
 
 
 def file_format(path: PathLike) -> Format:
@@ -215,32 +215,32 @@ def file_format(path: PathLike) -> Format:
     if suffix == ".xacro":
         raise InvalidInputError(f"{path}: is xacro, not URDF; expand it first: xacro FILE.xacro > FILE.urdf")
     if suffix not in (".urdf", ".xml", ".mjcf", ".sdf", ".world", ""):
-        raise InvalidInputError(f'{path}: has suffix "{suffix}"; robot files are .urdf, .xml or .mjcf')
+        raise InvalidInputError(f'{path}: has suffix "{suffix}"; robot files are .urdf, .xml, .mjcf or .sdf')
     tag = _xml.root_tag(path)
     if tag == "robot":
         return "urdf"
     if tag in ("mujoco", "mujocoinclude"):
         return "mjcf"
     if tag == "sdf":
-        raise InvalidInputError(f"{path}: is SDF, which is not read yet; convert it to URDF or MJCF")
-    raise InvalidInputError(f"{path}: its root is <{tag}>, must be <robot> (URDF) or <mujoco> (MJCF)")
+        return "sdf"
+    raise InvalidInputError(f"{path}: its root is <{tag}>, must be <robot> (URDF), <mujoco> (MJCF) or <sdf>")
 
 
 def exclude_overlapping_pairs(
     builder: WorldBuilder, world: World, added: Iterable[Added], configurations: Iterable[npt.ArrayLike] | None = None
 ) -> list[tuple[str, str]]:
-    """Excludes in the builder every pair of bodies of one file that overlaps in one of the configurations.
+    """Excludes in the builder every pair of bodies of one robot that overlaps in one of the configurations.
 
     world: what the builder builds now. added: what add_file() returned. configurations: each (nq,); None: the initial
     one. Returns the pairs, which are also in builder.warn; build again when there are any.
     """
     found: dict[tuple[str, str], float] = {}
-    owners = [(file, file.body_of_geometry) for file in added]
+    files = list(added)
     for q in [world.initial_q] if configurations is None else configurations:
         for a, b, distance in world.touching_pairs(np.asarray(q, dtype=np.float64), 0.0):
-            for _, body_of in owners:
-                if a in body_of and b in body_of and distance < 0.0:
-                    pair = body_of[a], body_of[b]
+            for file in files:
+                pair = file.body_of_geometry.get(a, ""), file.body_of_geometry.get(b, "")
+                if all(pair) and file.together(*pair) and distance < 0.0:
                     found[pair] = min(found.get(pair, 0.0), distance)
     for body_a, body_b in found:
         builder.exclude(body_a, body_b)
@@ -312,7 +312,7 @@ class _Source(Protocol):
     def add(self, builder: WorldBuilder, options: Options) -> Added: ...
 
 
-def _read(path: Path, format: Format | None) -> _Source:
+def _read(path: Path, format: Format | None, options: Options) -> _Source:
     format = format or file_format(path)
     if format == "urdf":
         from signorini.load import urdf
@@ -322,7 +322,11 @@ def _read(path: Path, format: Format | None) -> _Source:
         from signorini.load import mjcf
 
         return mjcf.read(path)
-    raise InvalidInputError(f"format: is {format!r}, must be 'urdf', 'mjcf' or None")
+    if format == "sdf":
+        from signorini.load import sdf
+
+        return sdf.read(path, options.package_dirs)
+    raise InvalidInputError(f"format: is {format!r}, must be 'urdf', 'mjcf', 'sdf' or None")
 
 
 def _add(
@@ -348,7 +352,8 @@ def _add(
         bodies = list(dict.fromkeys(added.body_of_geometry.values()))
         for i, body in enumerate(bodies):
             for other in bodies[:i]:
-                builder.exclude(other, body)
+                if added.together(other, body):
+                    builder.exclude(other, body)
     return added
 
 

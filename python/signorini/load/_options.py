@@ -53,7 +53,8 @@ class Options:
 @dataclass
 class Added:
     """What one file put into a builder: bodies and geometries by name in the world and index; hulls: what the meshes
-    among them became; mended: bodies whose inertia in the file no body can have."""
+    among them became; mended: bodies whose inertia in the file no body can have; models: of a file with several, the
+    one that a body is in."""
 
     file: Path
     bodies: list[str] = field(default_factory=list)
@@ -61,6 +62,11 @@ class Added:
     body_of_geometry: dict[int, str] = field(default_factory=dict)
     hulls: dict[int, mesh.Hull] = field(default_factory=dict)
     mended: list[str] = field(default_factory=list)
+    models: dict[str, str] = field(default_factory=dict)
+
+    def together(self, body_a: str, body_b: str) -> bool:
+        """Whether two bodies are of one robot."""
+        return self.models.get(body_a) == self.models.get(body_b)
 
 
 class Warnings:

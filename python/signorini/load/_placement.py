@@ -56,3 +56,11 @@ def basis(normal: npt.ArrayLike) -> tuple[Array, Array]:
     a = axis - n * (axis @ n)
     a /= np.linalg.norm(a)
     return a, np.cross(n, a)
+
+
+def about(point: Array, axis: Array, angle: float) -> Placement:
+    """The turn by an angle [rad] about the line through a point along a unit vector."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    rotation = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+    return Placement(rotation, point - rotation @ point)

@@ -60,6 +60,28 @@ class Element:
     def need(self, tag: str) -> Element:
         return self.find(tag) or self.fail(f"has no <{tag}>")
 
+    def flattened(self) -> Element:
+        """The same element with texts as attributes, as SDF has them: its own is "text", those of children without
+        children have the children's names."""
+        attributes = dict(self.attributes)
+        if not self.children and self.text.strip():
+            attributes["text"] = self.text.strip()
+        seen = set()
+        for child in self.children:
+            if child.tag in seen:
+                child.fail(f"is the second <{child.tag}> of its element, at most one is allowed")
+            seen.add(child.tag)
+            if not child.children:
+                attributes[child.tag] = child.text.strip()
+        return Element(self.tag, attributes, self.line, self.file, self.parent, self.children)
+
+    def flag(self, name: str, default: bool = False) -> bool:
+        """An attribute as true or false."""
+        word = self.string(name, str(default)).strip().lower()
+        if word not in ("true", "1", "false", "0"):
+            self.fail(f'{name} is "{_short(word)}", must be true, false, 1 or 0')
+        return word in ("true", "1")
+
     def string(self, name: str, default: str | None = None) -> str:
         value = self.attributes.get(name, default)
         if value is None:

@@ -55,7 +55,7 @@ class Collision:
     geometry: Element
 
 
-@dataclass
+@dataclass(eq=False)
 class Link:
     name: str
     element: Element
@@ -95,12 +95,13 @@ class Robot:
     materials: list[Element] = field(default_factory=list)
 
     @property
-    def gravity(self) -> None:
+    def gravity(self) -> tuple[float, float, float] | None:
         """URDF says nothing about it."""
+        return None
 
     def add(self, builder: WorldBuilder, options: Options) -> Added:
         """Adds the robot to a builder. Raises InvalidInputError as read() does, also for meshes."""
-        return _Adder(builder, self, options).add()
+        return Adder(builder, self, options).add()
 
     def link(self, name: str) -> Link:
         return next(link for link in self.links if link.name == name)
@@ -305,7 +306,7 @@ def _check_mimics(joints: dict[str, UrdfJoint]) -> None:
 # Adding
 
 
-class _Adder:
+class Adder:
     def __init__(self, builder: WorldBuilder, robot: Robot, options: Options) -> None:
         self._builder, self._robot, self._options = builder, robot, options
         self._warnings = robot.warnings
@@ -412,43 +413,20 @@ class _Adder:
         ]
 
     def _inertias(self) -> dict[str, Inertia]:
-        """By link, each one that a body can have. A link that could not be a body by itself is counted in the link that
-        it is fixed to, when their sum can be one; else it is mended or refused."""
-        result = {link.name: link.inertia for link in self._robot.links}
-        head: dict[str, str] = {}  # the link that this one is fixed to, directly or by others
-        placement: dict[str, Placement] = {}  # in it
-        groups: dict[str, list[Link]] = {}
+        parts = []
         for link in self._robot.links:
-            joint = link.joint
-            if joint is None or joint.type != "fixed":
-                head[link.name], placement[link.name] = link.name, identity()
-            else:
-                head[link.name] = head[joint.parent]
-                placement[link.name] = placement[joint.parent] @ joint.origin
-            groups.setdefault(head[link.name], []).append(link)
-        for name, links in groups.items():
-            faults = {link.name: _inertia.fault(link.inertia) for link in links}
-            bad = [link for link in links if faults[link.name]]
-            if not bad:
-                continue
-            fixed_to_world = name == self._robot.root.name and not self._options.floating_base
-            total = _inertia.added([link.inertia.placed(placement[link.name]) for link in links])
-            if not fixed_to_world and (_inertia.fault(total) or total.mass == 0.0) and not self._options.repair_inertia:
-                inertial = bad[0].element.need("inertial")
-                inertial.fail(f"{faults[bad[0].name]}; repair_inertia=True mends this")
-            if fixed_to_world or _inertia.fault(total):
-                for link in bad:
-                    result[link.name] = _inertia.mended(link.inertia)
-                if not fixed_to_world:  # there it is of no effect
-                    self._warnings.add("inertias that no body can have are mended", *(link.name for link in bad))
-                    self._added.mended += [self._name(link.name) for link in bad]
-            else:
-                for link in links:
-                    result[link.name] = _inertia.nothing()
-                result[name] = total
-                reason = "links whose inertia no body can have are counted in those that they are fixed to"
-                self._warnings.add(reason, *(link.name for link in bad))
-        return {name: _inertia.rounded(inertia) for name, inertia in result.items()}
+            fixed = link.joint if link.joint is not None and link.joint.type == "fixed" else None
+            place = identity() if fixed is None else fixed.origin
+            fixed_to = None if fixed is None else fixed.parent
+            parts.append(_inertia.Part(link.name, link.inertia, link.element, fixed_to, place))
+        anchored = set() if self._options.floating_base else {self._robot.root.name}
+        return self._possible(parts, anchored)
+
+    def _possible(self, parts: list[_inertia.Part], anchored: set[str]) -> dict[str, Inertia]:
+        mended: list[str] = []
+        result = _inertia.possible(parts, anchored, self._options.repair_inertia, self._warnings, mended)
+        self._added.mended += [self._name(name) for name in mended]
+        return result
 
     def _add_collision(self, link: Link, collision: Collision, number: int) -> None:
         name = collision.name or (link.name if len(link.collisions) == 1 else f"{link.name}_{number}")
@@ -474,13 +452,17 @@ class _Adder:
                 shape,
                 position=placement.position.tolist(),
                 orientation=placement.rotation,
-                material=self._options.material_of(link.name),
                 name=self._name(name),
+                **self._surface(link, collision),
             ),
         )
         self._added.geometries.append(index)
         self._added.body_of_geometry[index] = body
         return index
+
+    def _surface(self, link: Link, collision: Collision) -> dict[str, Any]:
+        """What add_geometry() is told about a collision beside shape and place."""
+        return {"material": self._options.material_of(link.name)}
 
     def _place(self, link: Link, placement: Placement) -> tuple[str, Placement]:
         """A place in a link as a body and a place in it."""

@@ -178,6 +178,36 @@ def talos_fall(height: float = 0.02, *, self_collision: bool = True, friction: f
     return Start(world, pose(world), np.zeros(world.num_v))
 
 
+def cassie(height: float = 0.02, *, friction: float = 0.8) -> Start:
+    """The biped Cassie, its four loops closed, standing, its lowest point `height` above the ground [m], unactuated: it
+    drops and folds up.
+
+    What collides are the hulls of its visual meshes; links whose hulls overlap at the start never touch.
+    """
+    from signorini._world import WorldBuilder
+    from signorini.load import exclude_overlapping_pairs, sdf, srdf
+    from signorini.load._options import Options
+
+    _check(height=(height, 0.0, 1e3), friction=(friction, 0.0, 1e3))
+    folder = robots_folder() / "cassie_description"
+    robot = sdf.read(folder / "robots" / "cassie_v2.sdf")
+    robot.collide_as_seen()
+    material = _material(friction)
+    builder = WorldBuilder()
+    added = robot.add(builder, Options(material=material))
+    builder.add_ground(material)
+    world = builder.build()
+    state = srdf.read(folder / "srdf" / "cassie_v2.srdf").states["standing"]
+    q = world.closed_configuration(srdf.configuration(world, state))
+    root = world.q_slice("root_joint")
+    q[root] = [0.0, 0.0, q[root][2], 0.0, 0.0, 0.0, 1.0]
+    exclude_overlapping_pairs(builder, world, [added], [q])
+    ground = world.geometry_index("ground")
+    q[root][2] += height - min(distance for a, b, distance in world.touching_pairs(q, 1.0) if ground in (a, b))
+    world = builder.build()
+    return Start(world, q, np.zeros(world.num_v))
+
+
 def ur5(q: npt.ArrayLike = (0.0, -0.3, 0.4, 0.0, 0.5, 0.0), *, ground: bool = False) -> Start:
     """The arm UR5, fixed, convex hulls of its meshes, self-collision on, unactuated: it swings. q: (6,) [rad]."""
     from signorini.load import load
@@ -402,6 +432,9 @@ _SCENES = (
     WorldScene("humanoid", "capsule humanoid, dropped", 2.0, f"{PAPER}, Fig. 6; robot of gymnasium", humanoid),
     WorldScene(
         "talos-fall", "humanoid Talos falls unactuated", 2.0, f"{PAPER}, Fig. 4-6; example-robot-data", talos_fall
+    ),
+    WorldScene(
+        "cassie", "biped Cassie drops unactuated, loops closed", 2.0, f"{PAPER}, Fig. 6; example-robot-data", cassie
     ),
     WorldScene("ur5", "arm swings unactuated, self-collision on", 2.0, f"{PAPER}, Fig. 6; example-robot-data", ur5),
     WorldScene("ur5-wall", "arm, its tool at a wall", 2.0, f"{PAPER}, Fig. 8; example-robot-data", ur5_wall),
