@@ -15,6 +15,7 @@ from rich.table import Table
 import signorini
 from signorini._hardest import Hardest
 from signorini.cli._output import finite, report, write_json
+from signorini.cli.picture import SIZE, Shots, Size
 from signorini.cli.solve import Law, Solver
 
 BLOCK = 50  # steps between two looks at the progress bar
@@ -73,6 +74,10 @@ def run(
     hardest: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Keep the problems of the 10 hardest steps (FCLIB).")
     ] = None,
+    picture: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw the last state.")] = None,
+    picture_time: Annotated[float | None, typer.Option(help="... or the one at this time [s].")] = None,
+    video: Annotated[Path | None, typer.Option(metavar="FILE.mp4", help="Make a film.")] = None,
+    size: Size = SIZE,
     json_file: Annotated[
         str | None, typer.Option("--json", metavar="FILE|-", help="Write JSON to FILE, or to standard output.")
     ] = None,
@@ -95,7 +100,12 @@ def run(
         if hardest is not None:
             hardest.mkdir(parents=True, exist_ok=True)
         kept = Hardest(simulator) if hardest is not None else None
-        result = simulate(simulator, scene, max(1, round(length / dt)), source, record, errors, kept)
+        num_steps = max(1, round(length / dt))
+        drawn = picture is not None or picture_time is not None or video is not None
+        shots = Shots(simulator, num_steps, picture, picture_time, video, size) if drawn else None
+        result = simulate(simulator, scene, num_steps, source, record, errors, kept, shots)
+        if shots is not None:
+            shots.write(errors)
         files, left_out = kept.write(hardest, scene) if kept is not None and hardest is not None else ([], 0)
     except (signorini.InvalidInputError, OSError, ImportError) as error:
         report(errors, error)
@@ -108,6 +118,9 @@ def run(
         print_result(result)
         if record is not None:
             print(f"recorded in {record}")
+        for drawing in (picture, video):
+            if drawing is not None:
+                print(f"drawn in {drawing}")
         if files:
             print(f"hardest steps: {len(files)} files in {hardest}")
     if left_out:
@@ -133,6 +146,7 @@ def simulate(
     record: Path | None,
     errors: Console,
     hardest: Hardest | None = None,
+    shots: Shots | None = None,
 ) -> dict[str, Any]:
     """Runs with a progress bar and, if asked, a recording; returns what --json writes."""
     from signorini import recording
@@ -151,8 +165,11 @@ def simulate(
             transient=True,
         ) as progress:
             task = progress.add_task(name, total=num_steps)
-            for first in range(0, num_steps, BLOCK):
-                count = min(BLOCK, num_steps - first)
+            done = 0
+            while done < num_steps:
+                count = min(BLOCK, num_steps - done)
+                if shots is not None:
+                    count = min(count, shots.steps_to_next(done))
                 if hardest is not None:
                     hardest.watch()
                 traces.append(simulator.run(count, keep_states=recorder is not None))
@@ -160,6 +177,9 @@ def simulate(
                     hardest.add(traces[-1])
                 if recorder is not None:
                     recorder.add(traces[-1])
+                done += count
+                if shots is not None:
+                    shots.look(done)
                 progress.advance(task, count)
     except BaseException:
         if recorder is not None:

@@ -577,6 +577,10 @@ class _Shot:
         self._low, self._high = np.zeros(3, dtype=np.float32), np.zeros(3, dtype=np.float32)
         if len(vertices):
             self._low, self._high = vertices.min(axis=0), vertices.max(axis=0)
+        self._within = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])  # the rectangle with all solids [pixels]
+        if len(vertices) and ((vertices - view.eye) @ view.camera.axes[2] > 1e-3 * view.radius).all():
+            corners = view.camera.project(vertices, view.size)
+            self._within = np.array([corners.min(axis=0) - 1.0, corners.max(axis=0) + 1.0])
         self._hidden_reach = np.float32(0.45 * view.radius)  # bodies farther away do not hide the sky
         self._open = self._open_shares()
 
@@ -598,8 +602,7 @@ class _Shot:
 
     def _colors(self, grid: _Grid, sun_rays: int, first_sun_ray: int = 0) -> tuple[Floats, Floats]:
         """Linear colour (n, 3), and distance (n) of what is seen."""
-        origins = np.broadcast_to(self._view.eye, grid.directions.shape).copy()
-        triangle, depth, uv = self._seen.first(origins, grid.directions)
+        triangle, depth, uv = self._first(grid)
         solid = depth < grid.depth
         covered = solid.copy()
         if self._transparent:
@@ -611,11 +614,23 @@ class _Shot:
             at, seen = layer.at[bare], layer.seen[bare, None]
             own = self._floor_colors(layer, bare, grid.pixels[at], sun_rays, first_sun_ray)
             color[at] += seen * (own - color[at])
-        self._blend_solids(color, grid, np.flatnonzero(solid), origins, (triangle, depth, uv), sun_rays, first_sun_ray)
+        self._blend_solids(color, grid, np.flatnonzero(solid), (triangle, depth, uv), sun_rays, first_sun_ray)
         return color, np.minimum(depth, grid.depth)
 
+    def _first(self, grid: _Grid) -> tuple[Integers, Floats, Floats]:
+        """_Rays.first for the eye; no rays are cast where no solid is."""
+        (left, top), (right, bottom) = self._within
+        x, y = grid.pixels[:, 0], grid.pixels[:, 1]
+        at = np.flatnonzero((x > left) & (x < right) & (y > top) & (y < bottom))
+        directions = grid.directions[at]
+        triangle = np.full(len(x), -1, dtype=np.int32)
+        depth, uv = np.full(len(x), np.inf, dtype=np.float32), np.zeros((len(x), 2), dtype=np.float32)
+        origins = np.broadcast_to(self._view.eye, directions.shape).copy()
+        triangle[at], depth[at], uv[at] = self._seen.first(origins, directions)
+        return triangle, depth, uv
+
     def _blend_solids(
-        self, color: Floats, grid: _Grid, hit: npt.NDArray[np.int64], origins: Floats,
+        self, color: Floats, grid: _Grid, hit: npt.NDArray[np.int64],
         found: tuple[Integers, Floats, Floats], sun_rays: int, first_sun_ray: int, level: int = 0
     ) -> None:  # fmt: skip
         """Puts the colour of the triangles that were met over that of what is behind."""
@@ -626,13 +641,13 @@ class _Shot:
         through = hit[alpha < 0.99]
         if through.size and level < 4:
             step = np.float32(2e-4 * self._view.radius)
-            start = origins[through] + grid.directions[through] * (depth[through] + step)[:, None]
+            start = self._view.eye + grid.directions[through] * (depth[through] + step)[:, None]
             next_triangle, beyond, next_uv = self._seen.first(start, grid.directions[through])
             behind = (triangle.copy(), np.full_like(depth, np.inf), uv.copy())
             behind[0][through], behind[1][through] = next_triangle, depth[through] + step + beyond
             behind[2][through] = next_uv
             farther = through[behind[1][through] < grid.depth[through]]
-            self._blend_solids(color, grid, farther, origins, behind, sun_rays, first_sun_ray, level + 1)
+            self._blend_solids(color, grid, farther, behind, sun_rays, first_sun_ray, level + 1)
         directions = grid.directions[hit]
         place, start, normal = self._surface(directions, triangle[hit], depth[hit], uv[hit])
         base = self._mesh.color[self._mesh.part[triangle[hit]]]
@@ -738,8 +753,7 @@ class _Shot:
         if not len(self._vertices):
             return None
         grid = self._view.coarse
-        origins = np.broadcast_to(self._view.eye, grid.directions.shape).copy()
-        triangle, depth, uv = self._seen.first(origins, grid.directions)
+        triangle, depth, uv = self._first(grid)
         normal, place = np.zeros_like(grid.directions), np.full_like(grid.directions, 1e9)
         for layer in grid.layers:
             normal[layer.at], place[layer.at] = layer.plane.normal, layer.place
@@ -893,9 +907,9 @@ def _round_size(about: float) -> float:
 
 
 def force_scale(largest: Sequence[float], radius: float) -> float:
-    """Length of arrows over force [m/N]: the median of each state's largest force is 0.45 of a radius long."""
+    """Length of arrows over force [m/N]: the median of each state's largest force is 0.3 of a radius long."""
     present = sorted(force for force in largest if force > 0.0)
-    return 0.45 * radius / present[len(present) // 2] if present else 0.0
+    return 0.3 * radius / present[len(present) // 2] if present else 0.0
 
 
 def _arrows(forces: Forces, radius: float, scale: float | None) -> tuple[Floats, Integers, Floats] | None:
