@@ -639,7 +639,11 @@ class _Shot:
         triangle, depth, uv = found
         alpha = self._mesh.alpha[self._mesh.part[triangle[hit]]]
         through = hit[alpha < 0.99]
-        if through.size and level < 4:
+        if through.size:  # of what is transparent, the front faces alone are seen
+            a, b, c = (self._vertices[self._mesh.triangles[triangle[through], k]] for k in range(3))
+            back = np.einsum("ni,ni->n", np.cross(b - a, c - a), grid.directions[through]) > 0.0
+            alpha[np.flatnonzero(alpha < 0.99)[back]] = 0.0
+        if through.size and level < 8:
             step = np.float32(2e-4 * self._view.radius)
             start = self._view.eye + grid.directions[through] * (depth[through] + step)[:, None]
             next_triangle, beyond, next_uv = self._seen.first(start, grid.directions[through])
@@ -666,7 +670,7 @@ class _Shot:
         outside = np.minimum(np.einsum("nki,nki->nk", point[:, None] - local, normals), 0.0)
         lift = -np.einsum("nk,nki->ni", weights * outside, normals)
         rotation = self._rotation[mesh.body[mesh.part[triangle]]]
-        normal = np.einsum("nij,nj->ni", rotation, _unit(normal))
+        normal = _unit(np.einsum("nij,nj->ni", rotation, normal))
         lift = np.einsum("nij,nj->ni", rotation, lift)
         inside = np.einsum("ni,ni->n", normal, directions) > 0.35  # winding the wrong way, or an open mesh
         normal[inside] *= -1.0
@@ -690,7 +694,7 @@ class _Shot:
         ambient = _GROUND_LIGHT + up * (_SKY_LIGHT - _GROUND_LIGHT)
         ambient += _FILL * np.maximum(normal @ self._view.fill, 0.0)[:, None]
         color = base * (ambient * sky[:, None] + (_SUN * np.maximum(facing, 0.0) * light)[:, None])
-        shine = np.maximum(np.einsum("ni,ni->n", normal, _unit(sun - directions)), 0.0) ** 48
+        shine = np.clip(np.einsum("ni,ni->n", normal, _unit(sun - directions)), 0.0, 1.0) ** 48
         grazing = (1.0 - np.maximum(-np.einsum("ni,ni->n", normal, directions), 0.0)) ** 4
         result: Floats = color + _GLOSS * (shine * light)[:, None] + (_SHEEN * grazing * sky)[:, None] * _SKY_LIGHT
         return result
