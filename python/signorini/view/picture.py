@@ -35,11 +35,12 @@ SIZE = (1280, 720)
 SMALLEST, LARGEST = 16, 8192  # width or height [pixels]
 #: Seen from here, unless told: from the front, a little from the right and from above, for things that look along x.
 DIRECTION = (1.0, -0.85, 0.52)
+MARGIN = 0.1  # share of the picture that is left free on each side
 ARROW_COLOR = (0.90, 0.03, 0.42)
 
 _SKY = ((0.70, 0.78, 0.88), (0.93, 0.95, 0.97))  # sRGB, at the top and at the horizon
 _FLOOR = ((0.845, 0.86, 0.88), (0.775, 0.795, 0.82))  # sRGB, the two colours of the chequers
-_WALL = (0.80, 0.84, 0.90)
+_WALL = ((0.80, 0.84, 0.90), (0.75, 0.80, 0.87))
 _SUN = np.float32(0.88)  # strength; colours are linear from here on
 _SKY_LIGHT = np.array([0.50, 0.55, 0.62], dtype=np.float32)
 _GROUND_LIGHT = np.array([0.30, 0.29, 0.28], dtype=np.float32)
@@ -148,7 +149,7 @@ class Camera:
         size: tuple[int, int] = SIZE,
         direction: Sequence[float] = DIRECTION,
         angle: float = math.radians(32.0),
-        margin: float = 0.12,
+        margin: float = MARGIN,
     ) -> Camera:
         """The nearest camera in this direction that sees all points (n, 3), with a margin [share of the picture]."""
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
@@ -246,8 +247,13 @@ class Stage:
     def of_world(cls, world: World, *, collision: bool = False, size: tuple[int, int] = SIZE) -> Stage:
         return cls(drawables(world), lambda q: body_placements(world, q), collision=collision, size=size)
 
-    def camera(self, states: Iterable[npt.ArrayLike], direction: Sequence[float] = DIRECTION) -> Camera:
-        """One camera that sees all that moves, in all these configurations."""
+    def camera(
+        self, states: Iterable[npt.ArrayLike], direction: Sequence[float] = DIRECTION, margin: float = MARGIN
+    ) -> Camera:
+        """One camera that sees all that moves, in all these configurations, from this direction (towards the eye).
+
+        margin: share of the picture that is left free on each side, in [0, 0.5).
+        """
         moving = np.array([part.body != 0 for part in self._solids], dtype=bool)
         body = np.array([part.body for part in self._solids], dtype=int)
         points = []
@@ -264,7 +270,7 @@ class Stage:
                 if (box > low - 0.5 * (high - low)).all() and (box < high + 0.5 * (high - low)).all()
             ]
             seen = np.concatenate([seen, *near])
-        return Camera.framing(seen if len(seen) else all_points.reshape(-1, 3), self.size, direction)
+        return Camera.framing(seen if len(seen) else all_points.reshape(-1, 3), self.size, direction, margin=margin)
 
     def radius(self, camera: Camera) -> float:
         """Half the height of the picture at the target [m]."""
@@ -523,8 +529,7 @@ class _View:
             seen = self._fading(plane, place)
             kept = seen > 0.01
             met, place, seen = met[kept], place[kept], seen[kept]
-            wall = np.broadcast_to(_linear(_WALL), place.shape)
-            base = self._chequers(plane, place, directions[met], t[met]) if plane.floor else wall
+            base = self._chequers(plane, place, directions[met], t[met])
             layers.append(_Layer(plane, met, t[met], place, seen, base))
             depth[met] = t[met]
         return _Grid(pixels, directions, sky, layers, depth)
@@ -543,7 +548,7 @@ class _View:
         reach = np.sqrt(np.einsum("ni,ni->n", away, away)) / np.float32(self.radius)
         if plane.floor:
             return np.asarray(np.exp(-((reach / np.float32(7.0)) ** 2)))
-        return np.asarray(np.float32(0.7) * np.clip((np.float32(1.5) - reach) / np.float32(0.6), 0.0, 1.0))
+        return np.asarray(np.float32(0.9) * np.clip((np.float32(1.5) - reach) / np.float32(0.7), 0.0, 1.0))
 
     def _chequers(self, plane: _Plane, place: Floats, directions: Floats, depth: Floats) -> Floats:
         """Of a round size, averaged over each pixel."""
@@ -555,7 +560,7 @@ class _View:
         after, before = (np.abs((at + s * width) * np.float32(0.5) % 1.0 - np.float32(0.5)) for s in (0.5, -0.5))
         mean = np.clip(2.0 * (before - after) / np.maximum(width, np.float32(1e-6)), -1.0, 1.0)
         mixed = (0.5 - 0.5 * mean[:, :1] * mean[:, 1:]).astype(np.float32)
-        first, second = _linear(_FLOOR[0]), _linear(_FLOOR[1])
+        first, second = (_linear(color) for color in (_FLOOR if plane.floor else _WALL))
         result: Floats = first + (second - first) * mixed
         return result
 
