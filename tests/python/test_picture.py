@@ -154,6 +154,14 @@ def test_the_same_call_gives_the_same_picture():
     assert (again[1] != first).any()
 
 
+def test_a_world_without_bodies():
+    sky = picture.picture(world_of(ground=False), [], size=SIZE)
+    ground = picture.picture(world_of(), [], size=SIZE)
+    assert np.ptp(sky[:, SIZE[0] // 2], axis=0).max() > 5  # lighter towards the horizon
+    assert np.ptp(sky, axis=1).max() < 20
+    assert np.ptp(ground[-1].astype(int), axis=0).max() > 10  # chequers
+
+
 def test_the_camera_sees_all_that_moves_and_no_more():
     world = world_of(((0, 0, 0.1), 0.1, RED))
     stage = picture.Stage.of_world(world, size=SIZE)
@@ -377,10 +385,10 @@ def test_a_part_of_a_recording_at_another_speed(dropped):
         (["picture", "r.h5", "x.png", "--time", "0.3"], "time: is 0.3, must be in [0, 0.2] s"),
         (["picture", "r.h5", "x.png", "--time", "nan"], "time: is nan, must be in [0, 0.2] s"),
         (["picture", "r.h5", "x.png", "--size", "big"], "size: is 'big', must be WIDTHxHEIGHT"),
-        (["picture", "r.h5", "x.png", "--size", "8x100"], "size: width is 8, must be a whole number in [16, 8192]"),
+        (["picture", "r.h5", "x.png", "--size", "8x100"], "size: width is 8, must be a whole number in [16, 4096]"),
         (["picture", "r.h5", "x.png", "--size", "100x9000"], "size: height is 9000"),
         (["video", "r.h5", "x.avi"], "x.avi: must end in .mp4"),
-        (["video", "r.h5", "x.mp4", "--size", "161x96"], "size: width is 161, must be an even number in [16, 8192]"),
+        (["video", "r.h5", "x.mp4", "--size", "161x96"], "size: width is 161, must be an even number in [16, 4096]"),
         (["video", "r.h5", "x.mp4", "--fps", "0"], "fps: is 0.0, must be in [1, 240]"),
         (["video", "r.h5", "x.mp4", "--speed", "-1"], "speed: is -1.0, must be in [0.001, 1000]"),
         (["video", "r.h5", "x.mp4", "--from", "0.3"], "from: is 0.3, must be in [0, 0.2] s"),
@@ -415,9 +423,23 @@ def test_a_missing_package_is_named(dropped, monkeypatch, missing, command):
     assert not output.exists()
 
 
-def test_a_film_of_nothing_and_pictures_of_another_size_are_refused(tmp_path):
-    with pytest.raises(InvalidInputError, match="images: are none"):
-        video.write_mp4(tmp_path / "x.mp4", [], SIZE)
-    with pytest.raises(InvalidInputError, match=r"images: one has shape \(100, 100, 3\), must be \(200, 320, 3\)"):
-        video.write_mp4(tmp_path / "x.mp4", [np.zeros((100, 100, 3), np.uint8)], SIZE)
+@pytest.mark.parametrize(
+    ("images", "count", "words"),
+    [
+        ([], 0, "count: is 0, must be at least 1"),
+        ([(200, 320, 3)], 2, "images: are 1, must be 2"),
+        ([(100, 100, 3)], 1, r"images: one has shape \(100, 100, 3\), must be \(200, 320, 3\)"),
+    ],
+)
+def test_pictures_that_are_no_film_are_refused(tmp_path, images, count, words):
+    with pytest.raises(InvalidInputError, match=words):
+        video.write_mp4(tmp_path / "x.mp4", [np.zeros(shape, np.uint8) for shape in images], count, SIZE)
     assert not (tmp_path / "x.mp4").exists()
+
+
+def test_a_film_of_one_picture(tmp_path):
+    video.write_mp4(tmp_path / "x.mp4", [np.full((200, 320, 3), (200, 30, 60), np.uint8)], 1, SIZE)
+    data = (tmp_path / "x.mp4").read_bytes()
+    assert struct.unpack(">I", inside(data, "moov/trak/mdia/minf/stbl/stsz")[8:12]) == (1,)
+    scale, duration = struct.unpack(">II", inside(data, "moov/mvhd")[12:20])
+    assert duration / scale == pytest.approx(1 / 30)

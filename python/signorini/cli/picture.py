@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 SIZE = "1280x720"
 
 File = Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording, see run --record.")]
-Size = Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Pixels, each in [16, 8192].")]
+Size = Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Pixels, each in [16, 4096].")]
 Collision = Annotated[bool, typer.Option("--collision", help="Draw what collides in place of what is seen.")]
 ShowForces = Annotated[bool, typer.Option("--forces/--no-forces", help="Arrows for contact forces.")]
 

@@ -32,7 +32,7 @@ Image = npt.NDArray[np.uint8]
 Placements = Callable[[npt.ArrayLike], tuple[Array, Array]]
 
 SIZE = (1280, 720)
-SMALLEST, LARGEST = 16, 8192  # width or height [pixels]
+SMALLEST, LARGEST = 16, 4096  # width or height [pixels]
 #: Seen from here, unless told: from the front, a little from the right and from above, for things that look along x.
 DIRECTION = (1.0, -0.85, 0.52)
 MARGIN = 0.1  # share of the picture that is left free on each side
@@ -260,7 +260,7 @@ class Stage:
         for q in states:
             position, rotation = self._placed(q)
             points.append(np.einsum("pij,pcj->pci", rotation[body], self._boxes) + position[body][:, None])
-        all_points = np.array(points).reshape(-1, len(body), 8, 3)
+        all_points = np.array(points).reshape(len(points), len(body), 8, 3)
         seen = all_points[:, moving].reshape(-1, 3)
         if len(seen) and len(all_points):  # and what stands beside it
             low, high = seen.min(axis=0), seen.max(axis=0)

@@ -66,11 +66,11 @@ def film(
 
     def drawn() -> Iterator[Image]:
         for image in _in_order(draw, len(states)):
-            yield image
             if progress is not None:
                 progress()
+            yield image
 
-    write_mp4(path, drawn(), stage.size, fps)
+    write_mp4(path, drawn(), len(states), stage.size, fps)
 
 
 def _in_order(draw: Callable[[int], Image], count: int) -> Iterator[Image]:
@@ -90,17 +90,21 @@ def _in_order(draw: Callable[[int], Image], count: int) -> Iterator[Image]:
                 future.cancel()
 
 
-def write_mp4(path: str | PathLike[str], images: Iterable[Image], size: tuple[int, int], fps: float = FPS) -> None:
-    """Writes pictures (height, width, 3) as a film. size: (width, height), both even.
+def write_mp4(
+    path: str | PathLike[str], images: Iterable[Image], count: int, size: tuple[int, int], fps: float = FPS
+) -> None:
+    """Writes pictures (height, width, 3) as a film. count: of them; size: (width, height), both even.
 
-    Raises ImportError where Pillow is missing or cannot write AVIF.
+    The pictures are asked for one by one. Raises ImportError where Pillow is missing or cannot write AVIF.
     """
     path = checked_suffix(path, ".mp4")
-    samples, keys, configuration = _encoded(images, checked_size(size, even=True))
+    if count < 1:
+        raise InvalidInputError(f"count: is {count}, must be at least 1")
+    samples, keys, configuration = _encoded(images, count, checked_size(size, even=True))
     path.write_bytes(_mp4(samples, keys, configuration, size, fps))
 
 
-def _encoded(images: Iterable[Image], size: tuple[int, int]) -> tuple[list[bytes], list[int], bytes]:
+def _encoded(images: Iterable[Image], count: int, size: tuple[int, int]) -> tuple[list[bytes], list[int], bytes]:
     """AV1: what decodes to each picture, numbers from 1 of those that need no other, and the box av1C."""
     try:
         import PIL.features
@@ -110,45 +114,46 @@ def _encoded(images: Iterable[Image], size: tuple[int, int]) -> tuple[list[bytes
     if not PIL.features.check("avif"):
         raise ImportError("films: this pillow was built without AVIF; its wheels from 11.3 on have it")
 
+    left = iter(images)
+
     class Pictures(PIL.Image.Image):
-        """Drawn when Pillow asks for them, so that no more than a few are in memory."""
+        """An image of many frames, each made when Pillow asks for it: no more than a few are in memory."""
+
+        is_animated = True
+        n_frames = max(2, count)  # Pillow makes a sequence of no less
 
         def __init__(self) -> None:
             super().__init__()
-            self._left = iter(images)
             self._at = -1
             self.seek(0)
 
         def seek(self, frame: int) -> None:
+            if frame == self.n_frames:
+                raise EOFError
             if frame != self._at + 1:  # Pillow goes back to the start in the end
                 return
-            array = next(self._left, None)
+            self._at = frame
+            if frame >= count:
+                return
+            array = next(left, None)
             if array is None:
-                raise EOFError
+                raise InvalidInputError(f"images: are {frame}, must be {count}")
             if array.shape != (size[1], size[0], 3):
                 raise InvalidInputError(f"images: one has shape {array.shape}, must be ({size[1]}, {size[0]}, 3)")
             image = PIL.Image.fromarray(array)
             self._im, self._mode, self._size = image._im, image.mode, image.size
-            self._at = frame
 
         def tell(self) -> int:
-            return self._at
-
-        @property
-        def is_animated(self) -> bool:
-            return True
+            return max(0, self._at)
 
     file = io.BytesIO()
-    try:
-        pictures = Pictures()
-    except EOFError:
-        raise InvalidInputError("images: are none, must be at least one") from None
     # BT.601 and limited range are what a decoder takes when it is not told, or does not listen.
-    pictures.save(
+    Pictures().save(
         file, "AVIF", save_all=True, quality=_QUALITY, speed=_SPEED, duration=round(1000 / FPS), subsampling="4:2:0",
         range="limited",
     )  # fmt: skip
-    return _samples(file.getvalue())
+    samples, keys, configuration = _samples(file.getvalue())
+    return samples[:count], [key for key in keys if key <= count], configuration
 
 
 # Boxes
