@@ -235,6 +235,40 @@ def test_a_state_that_is_not_finite_is_refused(change):
         picture.picture(world, world.initial_q + change, size=SIZE)
 
 
+def test_far_from_the_origin_all_is_the_same():
+    """In single precision, 1 km is known to 0.06 mm."""
+    pictures = []
+    for x in (0.0, 1000.0):
+        world = world_of(((x, x, 0.1), 0.1, WHITE), ((x + 0.15, x, 0.4), 0.05, RED))
+        camera = picture.Camera(eye=(x + 0.8, x - 0.6, 0.6), target=(x, x, 0.15))
+        pictures.append(picture.picture(world, world.initial_q, size=SIZE, camera=camera).astype(int))
+    assert np.abs(pictures[0] - pictures[1]).mean() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"eye": (0, 0, math.inf), "target": (0, 0, 0)}, r"eye: is \(0, 0, inf\), must be three finite numbers"),
+        ({"eye": (0, 0, 1), "target": (0, 0)}, r"target: is \(0, 0\), must be three finite numbers"),
+        ({"eye": (0, 0, 1), "target": (0, 0, 1)}, r"target: is \(0, 0, 1\), must not be the eye"),
+        ({"eye": (0, 0, 1), "target": (0, 0, 0), "angle": 4.0}, r"angle: is 4.0, must be in \(0, pi\) rad"),
+    ],
+)
+def test_bad_cameras_are_refused(arguments, words):
+    with pytest.raises(InvalidInputError, match=words):
+        picture.Camera(**arguments)
+
+
+def test_bad_framings_and_sizes_are_refused():
+    with pytest.raises(InvalidInputError, match="direction: is"):
+        picture.Camera.framing([[0, 0, 0]], direction=(0, 0, 0))
+    with pytest.raises(InvalidInputError, match=r"margin: is 0.5, must be in \[0, 0.5\)"):
+        picture.Camera.framing([[0, 0, 0]], margin=0.5)
+    world = world_of()
+    with pytest.raises(InvalidInputError, match=r"size: width is 100.5, must be a whole number in \[16, 4096\]"):
+        picture.picture(world, [], size=(100.5, 50))
+
+
 # Films
 
 

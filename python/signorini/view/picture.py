@@ -107,8 +107,11 @@ class Camera:
     def __post_init__(self) -> None:
         if not 0.0 < self.angle < math.pi:
             raise InvalidInputError(f"angle: is {self.angle}, must be in (0, pi) rad")
-        if not np.linalg.norm(np.subtract(self.target, self.eye)) > 0.0:
-            raise InvalidInputError(f"target: is {self.target}, must be finite and not the eye")
+        for name, point in (("eye", self.eye), ("target", self.target)):
+            if len(point) != 3 or not np.isfinite(point).all():
+                raise InvalidInputError(f"{name}: is {point}, must be three finite numbers")
+        if not math.dist(self.eye, self.target) > 0.0:
+            raise InvalidInputError(f"target: is {self.target}, must not be the eye")
 
     @property
     def axes(self) -> Array:
@@ -152,6 +155,10 @@ class Camera:
         margin: float = MARGIN,
     ) -> Camera:
         """The nearest camera in this direction that sees all points (n, 3), with a margin [share of the picture]."""
+        if not (np.isfinite(direction).all() and np.any(direction)):
+            raise InvalidInputError(f"direction: is {tuple(direction)}, must be finite and not zero")
+        if not 0.0 <= margin < 0.5:
+            raise InvalidInputError(f"margin: is {margin}, must be in [0, 0.5)")
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         if not len(points):
             points = np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 1.0]])
@@ -160,19 +167,23 @@ class Camera:
         back = np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
         tangent = np.array([size[0] / size[1], 1.0]) * math.tan(0.5 * angle) * (1.0 - 2.0 * margin)
         for _ in range(4):  # the middle of what is seen moves with the distance
-            axes = cls(tuple(target + back), tuple(target), angle).axes
+            axes = cls(_point(back), (0.0, 0.0, 0.0), angle).axes
             local = (points - target) @ axes.T
             distance = max(float((np.abs(local[:, :2]) / tangent - local[:, 2:]).max()), 0.1 * radius)
             seen = local[:, :2] / (local[:, 2:] + distance)
             target = target + distance * 0.5 * (seen.min(axis=0) + seen.max(axis=0)) @ axes[:2]
-        x, y, z = target
-        return cls(tuple(target + max(distance, 1.2 * radius) * back), (float(x), float(y), float(z)), angle)
+        return cls(_point(target + max(distance, 1.2 * radius) * back), _point(target), angle)
+
+
+def _point(values: npt.ArrayLike) -> tuple[float, float, float]:
+    x, y, z = np.asarray(values, dtype=np.float64)
+    return float(x), float(y), float(z)
 
 
 def checked_size(size: tuple[int, int], even: bool = False) -> tuple[int, int]:
     """(width, height), or InvalidInputError. even: both must be."""
     for name, value in zip(("width", "height"), size, strict=True):
-        if not SMALLEST <= value <= LARGEST or (even and value % 2):
+        if not SMALLEST <= value <= LARGEST or value != int(value) or (even and value % 2):
             kind = "an even number" if even else "a whole number"
             raise InvalidInputError(f"size: {name} is {value}, must be {kind} in [{SMALLEST}, {LARGEST}]")
     return size
@@ -286,12 +297,17 @@ class Stage:
     ) -> Image:
         """(height, width, 3). force_scale: length of an arrow over its force [m/N]; None: by the largest force."""
         position, rotation = self._placed(q)
+        # From here on the target is the origin: single precision is enough wherever in the world it is.
+        position = position - camera.target
+        centered = Camera(_point(np.subtract(camera.eye, camera.target)), (0.0, 0.0, 0.0), camera.angle)
         vertices = self._mesh.placed(position, rotation)
         planes = [_Plane.of(part, position[part.body], rotation[part.body]) for part in self._planes]
-        view = self._view(camera, planes)
+        view = self._view(centered, planes)
         shot = _Shot(view, self._mesh, vertices, rotation.astype(np.float32))
         image = shot.image()
-        arrows = _arrows(forces, view.radius, force_scale) if forces is not None else None
+        if forces is None:
+            return image
+        arrows = _arrows(Forces(forces.position - camera.target, forces.force), view.radius, force_scale)
         if arrows is not None:
             shot.draw_arrows(image, *arrows)
         return image
@@ -494,16 +510,18 @@ class _Grid:
 
 
 class _View:
-    """What pictures by one camera have in common, as long as no half space moves: rays, sky, half spaces, the sun."""
+    """What pictures by one camera have in common, as long as no half space moves: rays, sky, half spaces, the sun.
+
+    camera: its target is the origin.
+    """
 
     def __init__(self, camera: Camera, size: tuple[int, int], planes: Sequence[_Plane]) -> None:
         self.camera, self.size = camera, size
         self.eye = np.array(camera.eye, dtype=np.float32)
-        self.target = np.array(camera.target, dtype=np.float32)
         facing = [plane for plane in planes if float(plane.normal @ (self.eye - plane.origin)) > 0.0]
         self.planes = sorted(facing, key=lambda plane: not plane.floor)  # walls are drawn over the floor
         half = math.tan(0.5 * camera.angle)
-        self.radius = float(np.linalg.norm(self.target - self.eye)) * half  # half the height of the picture there
+        self.radius = float(np.linalg.norm(self.eye)) * half  # half the height of the picture there
         self.pixel = 2.0 * half / size[1]  # [rad]
         right, _, forward = camera.axes
         level = np.array([forward[0], forward[1], 0.0])
@@ -543,8 +561,7 @@ class _View:
         return np.where((fall < -1e-4) & (t > 0.0), t, np.float32(np.inf))
 
     def _fading(self, plane: _Plane, place: Floats) -> Floats:
-        away = place - self.target
-        away -= (away @ plane.normal)[:, None] * plane.normal
+        away = place - (place @ plane.normal)[:, None] * plane.normal
         reach = np.sqrt(np.einsum("ni,ni->n", away, away)) / np.float32(self.radius)
         if plane.floor:
             return np.asarray(np.exp(-((reach / np.float32(7.0)) ** 2)))
