@@ -155,11 +155,9 @@ def simulate(
                 count = min(BLOCK, num_steps - first)
                 if hardest is not None:
                     hardest.watch()
-                traces.append(simulator.run(count, keep_states=recorder is not None))
+                traces.append(simulator.run(count) if recorder is None else recorder.run(count))
                 if hardest is not None:
                     hardest.add(traces[-1])
-                if recorder is not None:
-                    recorder.add(traces[-1])
                 progress.advance(task, count)
     except BaseException:
         if recorder is not None:
