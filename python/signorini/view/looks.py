@@ -78,6 +78,11 @@ class Looks:
         """Positions (bodies, 3) [m] and rotations (bodies, 3, 3) of all bodies at a configuration (nq,)."""
         return body_placements(self._skeleton, q)
 
+    @property
+    def reference_q(self) -> Array:
+        """A configuration; what never moves is at its place in all of them."""
+        return self._skeleton.initial_q
+
     @cached_property
     def _skeleton(self) -> World:
         """The same bodies and joints without geometry and of any mass: kinematics asks no more."""
