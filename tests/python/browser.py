@@ -34,8 +34,8 @@ class Browser:
 
         self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         flags = [*FLAGS, f"--user-data-dir={self._profile.name}", f"--window-size={size[0]},{size[1]}"]
-        if offline:  # nothing resolves, nothing is reached
-            flags += ["--host-resolver-rules=MAP * ~NOTFOUND", "--proxy-server=127.0.0.1:9"]
+        if offline:  # only this machine is reached
+            flags.append("--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE localhost, EXCLUDE 127.0.0.1")
         self._process = subprocess.Popen([find(), *flags, "about:blank"], stderr=subprocess.DEVNULL)
         self._numbers = itertools.count(1)
         self._connect = connect
@@ -47,18 +47,18 @@ class Browser:
         self._main = self._open(self._address + path)
 
     def _open(self, address):
-        socket = self._connect(address, max_size=None, proxy=None)
+        socket = self._connect(address, max_size=None, proxy=None, ping_interval=None)  # a busy Chromium answers late
         self._sockets.append(socket)
         return socket
 
-    def page(self, url, size=(1280, 800)):
+    def page(self, url, size=(1280, 800), scale=1.0):
         target = self.call(self._main, "Target.createTarget", url="about:blank")["targetId"]
         page = Page(self, target, self._open(f"{self._address}/devtools/page/{target}"))
         page.call("Page.enable")
         page.call("Runtime.enable")
         page.call("Network.enable")
         page.call(
-            "Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False
+            "Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=scale, mobile=False
         )
         page.call("Page.navigate", url=url)
         return page
@@ -69,6 +69,9 @@ class Browser:
         while True:
             answer = json.loads(socket.recv(timeout=60))
             if answer.get("id") == number:
+                if "Not attached" in answer.get("error", {}).get("message", ""):  # between two documents
+                    time.sleep(0.2)
+                    return self.call(socket, method, events, **parameters)
                 assert "error" not in answer, f"{method}: {answer['error']}"
                 return answer["result"]
             if events is not None:

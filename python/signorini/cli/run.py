@@ -19,7 +19,7 @@ import signorini
 from signorini._hardest import Hardest
 from signorini.cli._output import finite, report, write_json
 from signorini.cli.solve import Law, Solver
-from signorini.cli.view import NoOpen, Port, announce
+from signorini.cli.view import NoOpen, NoShadows, Port, announce
 
 if TYPE_CHECKING:
     from signorini.view.viewer import LiveViewer
@@ -83,6 +83,7 @@ def run(
     view: Annotated[bool, typer.Option("--view", help="Show it on a web page while it runs.")] = False,
     port: Port = 8080,
     no_open: NoOpen = False,
+    no_shadows: NoShadows = False,
     hardest: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Keep the problems of the 10 hardest steps (FCLIB).")
     ] = None,
@@ -109,7 +110,7 @@ def run(
             hardest.mkdir(parents=True, exist_ok=True)
         kept = Hardest(simulator) if hardest is not None else None
         steps = max(1, round(length / dt))
-        with _page(simulator, scene, port, no_open) if view else contextlib.nullcontext() as page:
+        with _page(simulator, scene, port, no_open, not no_shadows) if view else contextlib.nullcontext() as page:
             result = simulate(
                 simulator, scene, steps, source, record, errors, kept, page=page, contacts_every=contacts_every
             )
@@ -137,10 +138,10 @@ def run(
 
 
 @contextlib.contextmanager
-def _page(simulator: signorini.Simulator, title: str, port: int, no_open: bool) -> Iterator[LiveViewer]:
+def _page(simulator: signorini.Simulator, title: str, port: int, no_open: bool, shadows: bool) -> Iterator[LiveViewer]:
     from signorini.view.viewer import LiveViewer
 
-    with LiveViewer(simulator, title, port=port) as page:
+    with LiveViewer(simulator, title, port=port, shadows=shadows) as page:
         announce(page.url, no_open)
         page.play()
         yield page

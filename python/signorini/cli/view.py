@@ -18,6 +18,7 @@ from signorini.cli._output import report
 Port = Annotated[int, typer.Option(min=0, max=65535, help="Of the page; 0 takes a free one.")]
 Host = Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 lets everybody in.")]
 NoOpen = Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")]
+NoShadows = Annotated[bool, typer.Option("--no-shadows", help="Fast without a graphics card.")]
 
 
 def view(
@@ -25,6 +26,7 @@ def view(
     port: Port = 8080,
     host: Host = "127.0.0.1",
     no_open: NoOpen = False,
+    no_shadows: NoShadows = False,
     html: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write one HTML file that needs no server, and stop.")
     ] = None,
@@ -51,11 +53,12 @@ def view(
             ) as progress:  # fmt: skip
                 task = progress.add_task("frames", total=1.0)
                 size = viewer.write_html(
-                    held, looks, html, fps=fps, progress=lambda share: progress.update(task, completed=share)
-                )
+                    held, looks, html, fps=fps, shadows=not no_shadows,
+                    progress=lambda share: progress.update(task, completed=share),
+                )  # fmt: skip
             print(f"{html}: {size / 1e6:.1f} MB")
             return
-        page = viewer.view(held, looks, file.name, host=host, port=port)
+        page = viewer.view(held, looks, file.name, host=host, port=port, shadows=not no_shadows)
     except (signorini.InvalidInputError, OSError, ImportError) as error:
         report(errors, error)
         raise typer.Exit(2) from None

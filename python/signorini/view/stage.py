@@ -41,6 +41,11 @@ def new_server(host: str, port: int) -> Any:
     return server
 
 
+def stop_server(server: Any) -> None:
+    with contextlib.redirect_stdout(io.StringIO()):  # no farewell either
+        server.stop()
+
+
 @dataclass(frozen=True)
 class Extent:
     """Where the action is. center [m]; size: largest extent [m]; low: bottom [m]."""
@@ -120,12 +125,15 @@ class _Group:
 class Stage:
     """Puts states on a page. What is shown: contacts, forces, cones, hulls (what collides), force_scale (a factor)."""
 
-    def __init__(self, server: Any, looks: Looks, extent: Extent, typical_force: float) -> None:
-        """typical_force: drawn as long as a fifth of the extent [N]."""
+    def __init__(
+        self, server: Any, looks: Looks, extent: Extent, typical_force: float, *, shadows: bool = True
+    ) -> None:
+        """typical_force: drawn as long as a fifth of the extent [N]. shadows: slow without a graphics card."""
         self.looks, self.extent = looks, extent
         self.contacts = self.forces = True
         self.cones = self.hulls = False
         self.force_scale = 1.0
+        self.shadows = shadows
         self._server = server
         self._length = 0.2 * extent.size / typical_force if typical_force > 0.0 else 0.0
         self._body_of_geometry = np.array([g["body"] for g in looks.geometries], dtype=np.int64)
@@ -137,8 +145,9 @@ class Stage:
     def _light_and_ground(self) -> None:
         scene, size = self._server.scene, self.extent.size
         scene.set_up_direction("+z")
-        scene.configure_environment_map("studio", environment_intensity=0.25)
-        scene.configure_default_lights(True, cast_shadow=True)
+        scene.configure_environment_map(None)  # it takes long without a graphics card
+        scene.add_light_hemisphere("/light/sky", sky_color=(255, 255, 255), ground_color=(150, 150, 155), intensity=1.6)
+        self.set_shadows(self.shadows)
         camera = self._server.initial_camera
         camera.look_at = tuple(self.extent.center)
         camera.position = tuple(self.extent.center + size * np.array([1.1, -1.3, 0.6]))
@@ -164,6 +173,10 @@ class Stage:
                 )  # fmt: skip
             else:
                 self._wall(f"/ground/{number}", a, normal)
+
+    def set_shadows(self, shadows: bool) -> None:
+        self.shadows = shadows
+        self._server.scene.configure_default_lights(True, cast_shadow=shadows)
 
     def _wall(self, name: str, point: Array, normal: Array) -> None:
         """A piece of a half space that is no floor, beside what moves; seen from its free side only."""

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from signorini._core import InvalidInputError
 from signorini.recording import ContactReader, Contacts, Recording
 from signorini.view.looks import Looks
-from signorini.view.stage import Extent, Stage, new_server
+from signorini.view.stage import Extent, Stage, new_server, stop_server
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -135,6 +135,7 @@ class Viewer:
         *,
         host: str = "127.0.0.1",
         port: int = 8080,
+        shadows: bool = True,
         speeds: tuple[str, ...] = tuple(_SPEEDS),
     ) -> None:
         self._timeline = timeline
@@ -148,7 +149,7 @@ class Viewer:
         self._clock = (time.monotonic(), float(timeline.time[0]))  # playing: wall time and the time shown then
         self._plots_drawn = _NEVER
         self.server = new_server(host, port)
-        self.stage = Stage(self.server, looks, extent, typical_force)
+        self.stage = Stage(self.server, looks, extent, typical_force, shadows=shadows)
         self._build_panel(title, speeds)
         self._draw()
 
@@ -179,6 +180,7 @@ class Viewer:
             scale = gui.add_slider("length of forces", -1.0, 1.0, 0.05, 0.0, hint="Power of ten")
             cones = gui.add_checkbox("friction cones", False)
             hulls = gui.add_checkbox("collision shapes", False)
+            shade = gui.add_checkbox("shadows", self.stage.shadows, hint="Slow without a graphics card")
         with gui.add_folder("Certificate, log10 of the relative residual"):
             self._certificate_plot = self._add_plot((("certificate", "#2962b0"),))
         with gui.add_folder("Energy [J]"):
@@ -187,6 +189,7 @@ class Viewer:
         self._slider.on_update(self._slider_moved)
         self._buttons.on_click(self._button_pressed)
         self._speed.on_update(lambda event: self._set_playing(self._playing))
+        shade.on_update(lambda event: self.stage.set_shadows(bool(shade.value)))
         self._bind(points, "contacts")
         self._bind(forces, "forces")
         self._bind(cones, "cones")
@@ -272,8 +275,9 @@ class Viewer:
         if wanted is not None:
             self._row = int(np.clip(np.searchsorted(self._timeline.time, wanted - 1e-9), 0, last))
         steps, self._steps = self._steps, 0
-        self._row = int(np.clip(self._row + steps, 0, last))
-        self._wish_beyond(max(0, self._row + steps - last) if steps > 0 else 0)
+        target = self._row + steps
+        self._row = int(np.clip(target, 0, last))
+        self._wish_beyond(max(0, target - last))
 
     def _wish_beyond(self, steps: int) -> None:
         pass
@@ -323,7 +327,7 @@ class Viewer:
     def close(self) -> None:
         self._stopped = True
         self._changed.set()
-        self.server.stop()
+        stop_server(self.server)
 
     def __enter__(self) -> Self:
         return self
@@ -345,7 +349,9 @@ class LiveViewer(Viewer):
     Playing at the end of what there is means simulating; the slider goes back.
     """
 
-    def __init__(self, simulator: Simulator, title: str, *, host: str = "127.0.0.1", port: int = 8080) -> None:
+    def __init__(
+        self, simulator: Simulator, title: str, *, host: str = "127.0.0.1", port: int = 8080, shadows: bool = True
+    ) -> None:
         self._live = LiveTimeline(simulator)
         self._single = 0
         self._over = False
@@ -359,7 +365,7 @@ class LiveViewer(Viewer):
         extent = Extent.of(looks, [simulator.state.q])
         super().__init__(
             self._live, looks, extent, weight / max(1, min(moving, free)), title, host=host, port=port,
-            speeds=(*_SPEEDS, _FASTEST),
+            shadows=shadows, speeds=(*_SPEEDS, _FASTEST),
         )  # fmt: skip
 
     def _goes_on(self) -> bool:
@@ -415,11 +421,19 @@ class LiveViewer(Viewer):
         self._notify()
 
 
-def view(recording: Recording, looks: Looks, title: str, *, host: str = "127.0.0.1", port: int = 8080) -> Viewer:
+def view(
+    recording: Recording,
+    looks: Looks,
+    title: str,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    shadows: bool = True,
+) -> Viewer:
     """The page of a recording; call serve() of what is returned. Raises InvalidInputError when it has no finite state,
     ImportError without viser, OSError when the port is taken."""
     timeline = RecordedTimeline(recording)
-    return Viewer(timeline, looks, *_measures(recording, looks), title, host=host, port=port)
+    return Viewer(timeline, looks, *_measures(recording, looks), title, host=host, port=port, shadows=shadows)
 
 
 def write_html(
@@ -428,6 +442,7 @@ def write_html(
     path: str | PathLike[str],
     *,
     fps: float = 30.0,
+    shadows: bool = True,
     progress: Callable[[float], None] = lambda share: None,
 ) -> int:
     """Writes one HTML file that plays a recording, without a network or a server; returns its size in bytes.
@@ -439,7 +454,7 @@ def write_html(
     server = new_server("127.0.0.1", 0)
     try:
         timeline = RecordedTimeline(recording)
-        stage = Stage(server, looks, *_measures(recording, looks))
+        stage = Stage(server, looks, *_measures(recording, looks), shadows=shadows)
         stage.show(timeline.q(0), timeline.contacts(0))
         serializer = server.get_scene_serializer()
         times = recording.time
@@ -451,7 +466,7 @@ def write_html(
             progress(k / count)
         text = serializer.as_html()
     finally:
-        server.stop()
+        stop_server(server)
     return Path(path).write_bytes(text.encode())
 
 
