@@ -5,13 +5,14 @@ from typing import Annotated
 import typer
 
 import signorini
-from signorini.cli import experiment, picture, run, solve
+from signorini.cli import experiment, picture, run, solve, view
 
 app = typer.Typer(
     help="Robots and contact, simulated; every step certified.", no_args_is_help=True, add_completion=False
 )
 app.command(name="run")(run.run)
 app.command(name="replay")(run.replay)
+app.command(name="view")(view.view)
 app.command(name="picture")(picture.picture)
 app.command(name="video")(picture.video)
 app.command(name="scenes")(run.list_scenes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -89,7 +90,7 @@ def video(
         first, length = interval(start, end, shown.duration)
         steps = [min(row, shown.row(None)) for row in rows(length, shown.time_step, fps, speed, first)]
         stage = shown.stage(collision=collision, size=pixels)
-        arrows = [shown.forces(row) for row in steps] if forces else None
+        arrows = [shown.forces(row) if forces else None for row in steps]
         _film(output, stage, [shown.q(row) for row in steps], arrows, fps, errors)
     except (signorini.InvalidInputError, OSError, ImportError) as error:
         report(errors, error)
@@ -98,18 +99,18 @@ def video(
 
 def _recorded(file: Path) -> Recorded:
     from signorini import recording
-    from signorini.cli.run import load_source
+    from signorini.cli.view import looks_of
     from signorini.view.recorded import Recorded
 
     held = recording.read(file)
-    return Recorded(held, load_source(held.source)[0])
+    return Recorded(held, looks_of(file, held))
 
 
 def _film(
     output: Path,
     stage: Stage,
     states: list[Array],
-    forces: list[Forces] | None,
+    forces: Sequence[Forces | None],
     fps: float,
     errors: Console,
 ) -> None:
@@ -170,12 +171,15 @@ class Shots:
             self._forces[done] = Forces.of(self._simulator.contacts)
 
     def write(self, errors: Console) -> None:
-        from signorini.view.picture import write_png
+        """Draws them; of a run that ended early, what there is."""
+        from signorini.view.picture import Forces, write_png
 
         if self._picture is not None:
-            row = self._picture_row
-            q = self._states[row]
-            write_png(self._picture, self._stage.draw(q, self._forces[row], camera=self._stage.camera([q])))
+            q, forces = self._states.get(self._picture_row), self._forces.get(self._picture_row)
+            if q is None:
+                q, forces = self._simulator.state.q, Forces.of(self._simulator.contacts)
+            write_png(self._picture, self._stage.draw(q, forces, camera=self._stage.camera([q])))
         if self._video is not None:
-            states = [self._states[row] for row in self._rows]
-            _film(self._video, self._stage, states, [self._forces[row] for row in self._rows], self._fps, errors)
+            rows = [row for row in self._rows if row in self._states]
+            states, forces_of_all = [self._states[row] for row in rows], [self._forces[row] for row in rows]
+            _film(self._video, self._stage, states, forces_of_all, self._fps, errors)

@@ -3,36 +3,32 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from signorini._core import InvalidInputError
+from signorini.view.drawables import Drawable
 from signorini.view.picture import SIZE, Array, Forces, Stage
 
 if TYPE_CHECKING:
-    from signorini._simulation import Simulator
-    from signorini._world import World
     from signorini.recording import Recording
+    from signorini.view.looks import Looks
 
 
 class Recorded:
     """Bodies and contact forces of a recording.
 
-    shown = Recorded(recording.read("fall.h5"), world)
+    held = recording.read("fall.h5")
+    shown = Recorded(held, held.looks)
     stage = shown.stage()
     row = shown.row(0.5)
     stage.draw(shown.q(row), shown.forces(row), camera=stage.camera([shown.q(row)]))
     """
 
-    def __init__(self, recording: Recording, world: World) -> None:
-        """world: the one that was recorded, or an equal one."""
-        if recording.q.shape[1:] != world.initial_q.shape:
-            raise InvalidInputError(
-                f"recording.q: has {recording.q.shape[1]} values a step, the world has {len(world.initial_q)}"
-            )
-        self._recording, self._world = recording, world
+    def __init__(self, recording: Recording, looks: Looks) -> None:
+        """looks: the recording's own; of those of version 1, which have none, the world's."""
+        self._recording, self._looks = recording, looks
 
     @property
     def time_step(self) -> float:
@@ -56,29 +52,31 @@ class Recorded:
         """Configuration."""
         return np.asarray(self._recording.q[row])
 
-    def forces(self, row: int) -> Forces:
-        """Contact forces of the step that led there, made again from the state before it; none at the start.
-
-        Where the forces are not unique, as under four feet, they may be shared out otherwise than in the recorded step.
-        """
-        if row == 0:
-            return Forces.of([])
-        simulator = self._simulator
-        simulator.reset()
-        simulator.state.q, simulator.state.v = self._recording.q[row - 1], self._recording.v[row - 1]
-        if simulator.control.size:
-            simulator.control = self._recording.control[row - 1]
-        simulator.step()
-        return Forces.of(simulator.contacts)
-
-    @cached_property
-    def _simulator(self) -> Simulator:
-        from signorini._simulation import Simulator
-
-        return Simulator(self._world, self._recording.settings, on_unsolved="continue")
+    def forces(self, row: int) -> Forces | None:
+        """Contact forces of the last sample there; None where the recording holds none (version 1)."""
+        samples = self._recording.samples
+        if not len(samples.row):
+            return None
+        contacts = samples.contacts_of(samples.at(row))
+        body = np.array([geometry["body"] for geometry in self._looks.geometries], dtype=np.int64)
+        sign = np.where(body[contacts.geometries[:, 1]] == 0, -1.0, 1.0)[:, None]
+        return Forces(contacts.position.astype(np.float64), sign * contacts.force)
 
     def stage(self, *, collision: bool = False, size: tuple[int, int] = SIZE) -> Stage:
-        return Stage.of_world(self._world, collision=collision, size=size)
+        looks = self._looks
+        parts = [
+            Drawable(
+                name=str(i),
+                body=int(looks.body[i]),
+                vertices=looks.center[i] + looks.scale[i] * looks.meshes[mesh].vertices,
+                triangles=looks.meshes[mesh].triangles,
+                color=tuple(looks.color[i]),
+                collision=bool(looks.collision[i]),
+                flat=bool(looks.flat[i]),
+            )
+            for i, mesh in enumerate(looks.mesh)
+        ]
+        return Stage(parts, looks.placements, collision=collision, size=size)
 
 
 def interval(start: float | None, end: float | None, duration: float) -> tuple[float, float]:

@@ -42,7 +42,7 @@ def film(
     path: str | PathLike[str],
     stage: Stage,
     states: Sequence[npt.ArrayLike],
-    forces: Sequence[Forces] | None = None,
+    forces: Sequence[Forces | None] | None = None,
     *,
     fps: float = FPS,
     camera: Camera | None = None,
@@ -58,7 +58,7 @@ def film(
         raise InvalidInputError("states: are none, must be at least one")
     if camera is None:
         camera = stage.camera(states[:: max(1, len(states) // 200)])
-    shown: Sequence[Forces | None] = [None] * len(states) if forces is None else forces
+    shown = [None] * len(states) if forces is None else forces
     scale = force_scale([float(f.size.max(initial=0.0)) for f in shown if f is not None], stage.radius(camera))
 
     def draw(k: int) -> Image:
