@@ -170,12 +170,15 @@ class Shots:
             self._forces[done] = Forces.of(self._simulator.contacts)
 
     def write(self, errors: Console) -> None:
-        from signorini.view.picture import write_png
+        """Draws them; of a run that ended early, what there is."""
+        from signorini.view.picture import Forces, write_png
 
         if self._picture is not None:
-            row = self._picture_row
-            q = self._states[row]
-            write_png(self._picture, self._stage.draw(q, self._forces[row], camera=self._stage.camera([q])))
+            q, forces = self._states.get(self._picture_row), self._forces.get(self._picture_row)
+            if q is None:
+                q, forces = self._simulator.state.q, Forces.of(self._simulator.contacts)
+            write_png(self._picture, self._stage.draw(q, forces, camera=self._stage.camera([q])))
         if self._video is not None:
-            states = [self._states[row] for row in self._rows]
-            _film(self._video, self._stage, states, [self._forces[row] for row in self._rows], self._fps, errors)
+            rows = [row for row in self._rows if row in self._states]
+            states, forces_of_all = [self._states[row] for row in rows], [self._forces[row] for row in rows]
+            _film(self._video, self._stage, states, forces_of_all, self._fps, errors)
