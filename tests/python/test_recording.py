@@ -142,6 +142,9 @@ def test_a_recording_can_be_drawn_without_its_world(tmp_path):
         assert np.array_equal(mesh.triangles, part.triangles)
         assert (looks.body[i], looks.collision[i]) == (part.body, part.collision)
         assert np.allclose(looks.color[i], part.color)
+    q = start.world.integrate(start.q, np.random.default_rng(0).standard_normal(start.world.num_v), 1.0)
+    for ours, theirs in zip(looks.placements(q), body_placements(start.world, q), strict=True):
+        assert np.allclose(ours, theirs, atol=1e-14)
 
 
 def test_joints_of_every_type_move_the_drawing(tmp_path):

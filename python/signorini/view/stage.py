@@ -146,13 +146,9 @@ class Stage:
         scene, size = self._server.scene, self.extent.size
         scene.set_up_direction("+z")
         scene.configure_environment_map(None)  # it takes long without a graphics card
-        scene.add_light_hemisphere("/light/sky", sky_color=(255, 255, 255), ground_color=(150, 150, 155), intensity=1.6)
+        scene.add_light_hemisphere("/light/sky", sky_color=(255, 255, 255), ground_color=(150, 150, 155), intensity=2.2)
         self.set_shadows(self.shadows)
-        camera = self._server.initial_camera
-        camera.look_at = tuple(self.extent.center)
-        camera.position = tuple(self.extent.center + size * np.array([1.1, -1.3, 0.6]))
-        camera.fov = np.radians(40.0)
-        camera.near, camera.far = max(1e-3, 0.01 * size), 200.0 * size
+        self.aim()
         cell = 10.0 ** np.floor(np.log10(0.5 * size))
         position, rotation = self.looks.placements(self.looks.reference_q)
         for number in np.flatnonzero(self.looks.flat & ~self.looks.collision):
@@ -173,6 +169,16 @@ class Stage:
                 )  # fmt: skip
             else:
                 self._wall(f"/ground/{number}", a, normal)
+
+    def aim(self, aside: float = 0.0) -> None:
+        """Where a page looks from at first; aside: how far the middle of things is left of the page's, in extents."""
+        center, size, camera = self.extent.center, self.extent.size, self._server.initial_camera
+        back = np.array([1.25, -1.5, 0.7])
+        right = np.array([-back[1], back[0], 0.0]) / np.hypot(back[0], back[1])
+        camera.look_at = tuple(center + aside * size * right)
+        camera.position = tuple(center + aside * size * right + size * back)
+        camera.fov = np.radians(40.0)
+        camera.near, camera.far = max(1e-3, 0.01 * size), 200.0 * size
 
     def set_shadows(self, shadows: bool) -> None:
         self.shadows = shadows
