@@ -1,6 +1,7 @@
 """Recordings, and the commands run, replay, scenes."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import time
 import h5py
 import numpy as np
 import pytest
+from conftest import REPOSITORY
 from typer.testing import CliRunner
 
 from signorini import InvalidInputError, Simulator, recording, scenes
@@ -201,6 +203,30 @@ def test_a_killed_run_leaves_a_readable_recording(tmp_path):
     path.write_bytes(path.read_bytes()[:-5000])  # and the disk was full
     with pytest.raises(InvalidInputError, match="cut off"):
         recording.read(path)
+
+
+def test_the_blocks_of_its_page_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    text = (REPOSITORY / "docs" / "recordings.md").read_text()
+    written, read = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    assert "signorini" not in read  # with h5py alone
+    exec(written, {})
+    exec(read, {})
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("500 steps, worst certificate ")
+    assert [line[:9] for line in lines[1:3]] == ["at 0.01 s", "at 0.02 s"]
+    assert len(lines) == 51
+
+
+def test_every_data_set_is_documented(recorded):
+    """The layout's tables and the file name the same."""
+    text = (REPOSITORY / "docs" / "recordings.md").read_text()
+    names = set()
+    with h5py.File(recorded) as file:
+        file.visititems(lambda name, item: names.add(name) if isinstance(item, h5py.Dataset) else None)
+        words = {*names, *file.attrs}
+    missing = [word for word in words if f"`{word}" not in text and f"`{word.split('/')[-1]}" not in text]
+    assert not missing
 
 
 def test_version_1_is_read(tmp_path):

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
+_MANY_TRIANGLES = 1_000_000  # of one mesh in all its places; a page thins them out
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0], dtype=np.float32)
 _CREASE = np.cos(np.radians(35.0))  # edges sharper than this are seen as edges
 _STICK, _SLIDE, _OPEN = (41, 98, 176), (232, 119, 34), (150, 150, 150)
@@ -48,7 +49,7 @@ def stop_server(server: Any) -> None:
 
 @dataclass(frozen=True)
 class Extent:
-    """Where the action is. center [m]; size: largest extent [m]; low: bottom [m]."""
+    """Where the action is. center [m]; size: largest extent, or three quarters of the diagonal [m]."""
 
     center: Array
     size: float
@@ -76,7 +77,8 @@ class Extent:
         for place_of, radius_of in fixed:
             if radius_of < size and (np.abs(place_of - 0.5 * (low + high)) < 1.5 * size).all():
                 low, high = np.minimum(low, place_of - radius_of), np.maximum(high, place_of + radius_of)
-        return cls(0.5 * (low + high), max(1e-3, float((high - low).max())))
+        size = max(float((high - low).max()), 0.75 * float(np.linalg.norm(high - low)))
+        return cls(0.5 * (low + high), max(1e-3, size))
 
 
 def moving_bodies(looks: Looks) -> npt.NDArray[np.bool_]:
@@ -109,7 +111,7 @@ class _Group:
             batched_colors=_HULL if hull else color,
             batched_opacities=None if hull or (opacity >= 1.0).all() else opacity,
             opacity=0.35 if hull else None,
-            lod="off",
+            lod=((1e-3, 0.2),) if len(parts) * len(triangles) > _MANY_TRIANGLES else "off",
             side="double" if not hull and not _closed(mesh) else "front",
             cast_shadow=not hull,
             receive_shadow=not hull,
