@@ -205,6 +205,34 @@ def test_a_killed_run_leaves_a_readable_recording(tmp_path):
         recording.read(path)
 
 
+def num_steps(path):
+    """Of a file that somebody may just have begun."""
+    try:
+        return recording.read(path).num_steps
+    except InvalidInputError:
+        return 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
+def test_a_run_that_is_stopped_closes_its_recording(tmp_path, number):
+    path = tmp_path / "stopped.h5"
+    command = [sys.executable, "-c", "from signorini.cli.main import main; main()", "run", "cube-stack"]
+    command += ["--duration", "1000", "--record", str(path)]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+        try:
+            while num_steps(path) == 0:
+                time.sleep(0.05)
+        finally:
+            process.send_signal(number)
+    assert process.returncode not in (0, -number)  # it ended by itself
+    held = recording.read(path)
+    assert not held.complete
+    assert held.samples.row[-1] > held.num_steps - 10
+    with h5py.File(path) as file:  # an ordinary file
+        assert file.attrs["complete"] == 0
+    assert "interrupted" in invoke("replay", path).output
+
+
 def test_the_blocks_of_its_page_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     text = (REPOSITORY / "docs" / "recordings.md").read_text()
