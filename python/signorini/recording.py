@@ -153,6 +153,7 @@ class Recorder:
         if self._every < 1:
             raise InvalidInputError(f"contacts_every: is {contacts_every}, must be at least 1")
         self._simulator = simulator
+        self._settled = True  # the last row is the simulator's state
         self._contacts = ContactReader(simulator)
         looks = Looks.of(simulator.world).arrays()
         self._path = Path(path)
@@ -195,8 +196,10 @@ class Recorder:
         while done < num_steps:
             count = min(num_steps - done, self._every - (self._columns["q"].size - 1) % self._every)
             applied = None if given is None else given[done : done + count]
+            self._settled = False
             traces.append(self._simulator.run(count, applied, keep_states=True))
             self._add(traces[-1], applied)
+            self._settled = True
             done += count
         return _one_trace(traces) if traces else self._simulator.run(0, keep_states=True)
 
@@ -242,7 +245,8 @@ class Recorder:
         self._keep()
         self._file.close()
         with suppress(OSError), h5py.File(self._path, "r+") as file:  # OSError: moved or deleted meanwhile
-            file.attrs["complete"], file.attrs["state_hash"] = int(complete), self._simulator.state_hash
+            file.attrs["complete"] = int(complete)
+            file.attrs["state_hash"] = self._simulator.state_hash if self._settled else ""
 
     def __enter__(self) -> Recorder:
         return self
@@ -283,7 +287,7 @@ class Samples:
 class Recording:
     """A recording read back: docs/recordings.md has the fields. Step k leads from q[k], v[k] to q[k + 1], v[k + 1].
 
-    state_hash: of the last state; empty when the writer was killed. samples: empty in files of version 1.
+    state_hash: of the last state; empty when the writer was stopped amid its work. samples: empty in version 1.
     """
 
     source: dict[str, Any]
@@ -355,11 +359,13 @@ def _read(path: Path, file: h5py.File) -> Recording:
     steps = lengths["relative"]
     if not complete and version > 1:
         steps = min([lengths[name] - 1 for name in per_state] + [lengths[name] for name in per_step])
+    if steps < 0:
+        raise InvalidInputError(f"{path}: holds no state yet")
     rows: dict[str, Any] = {}
     for name, length in lengths.items():
         wanted = steps + 1 if name in per_state else steps
-        if length < wanted or wanted < 0:
-            raise InvalidInputError(f"{path}: is damaged: {name} has {length} rows, must have {max(wanted, 1)}")
+        if length < wanted:
+            raise InvalidInputError(f"{path}: is damaged: {name} has {length} rows, must have {wanted}")
         rows[name] = file[name][:wanted]
     time_step = float(file.attrs["time_step"])
     if version == 1:

@@ -1,6 +1,7 @@
 """Recordings, and the commands run, replay, scenes."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import time
 import h5py
 import numpy as np
 import pytest
+from conftest import REPOSITORY
 from typer.testing import CliRunner
 
 from signorini import InvalidInputError, Simulator, recording, scenes
@@ -142,6 +144,9 @@ def test_a_recording_can_be_drawn_without_its_world(tmp_path):
         assert np.array_equal(mesh.triangles, part.triangles)
         assert (looks.body[i], looks.collision[i]) == (part.body, part.collision)
         assert np.allclose(looks.color[i], part.color)
+    q = start.world.integrate(start.q, np.random.default_rng(0).standard_normal(start.world.num_v), 1.0)
+    for ours, theirs in zip(looks.placements(q), body_placements(start.world, q), strict=True):
+        assert np.allclose(ours, theirs, atol=1e-14)
 
 
 def test_joints_of_every_type_move_the_drawing(tmp_path):
@@ -198,6 +203,58 @@ def test_a_killed_run_leaves_a_readable_recording(tmp_path):
     path.write_bytes(path.read_bytes()[:-5000])  # and the disk was full
     with pytest.raises(InvalidInputError, match="cut off"):
         recording.read(path)
+
+
+def num_steps(path):
+    """Of a file that somebody may just have begun."""
+    try:
+        return recording.read(path).num_steps
+    except InvalidInputError:
+        return 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
+def test_a_run_that_is_stopped_closes_its_recording(tmp_path, number):
+    path = tmp_path / "stopped.h5"
+    command = [sys.executable, "-c", "from signorini.cli.main import main; main()", "run", "cube-stack"]
+    command += ["--duration", "1000", "--record", str(path)]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+        try:
+            while num_steps(path) == 0:
+                time.sleep(0.05)
+        finally:
+            process.send_signal(number)
+    assert process.returncode not in (0, -number)  # it ended by itself
+    held = recording.read(path)
+    assert not held.complete
+    assert held.samples.row[-1] > held.num_steps - 10
+    with h5py.File(path) as file:  # an ordinary file
+        assert file.attrs["complete"] == 0
+    assert "interrupted" in invoke("replay", path).output
+
+
+def test_the_blocks_of_its_page_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    text = (REPOSITORY / "docs" / "recordings.md").read_text()
+    written, read = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    assert "signorini" not in read  # with h5py alone
+    exec(written, {})
+    exec(read, {})
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("500 steps, worst certificate ")
+    assert [line[:9] for line in lines[1:3]] == ["at 0.01 s", "at 0.02 s"]
+    assert len(lines) == 51
+
+
+def test_every_data_set_is_documented(recorded):
+    """The layout's tables and the file name the same."""
+    text = (REPOSITORY / "docs" / "recordings.md").read_text()
+    names = set()
+    with h5py.File(recorded) as file:
+        file.visititems(lambda name, item: names.add(name) if isinstance(item, h5py.Dataset) else None)
+        words = {*names, *file.attrs}
+    missing = [word for word in words if f"`{word}" not in text and f"`{word.split('/')[-1]}" not in text]
+    assert not missing
 
 
 def test_version_1_is_read(tmp_path):

@@ -327,7 +327,7 @@ def replay(
         name = held.source.get("scene") or held.source.get("file")
         how = "complete" if held.complete else "interrupted"
         print(f"{file}: {name}, {held.num_steps} steps of {1e3 * held.settings.time_step:g} ms, {how}")
-        print(f"worst certificate {held.relative.max(initial=0.0):.1e}, state {held.state_hash}")
+        print(f"worst certificate {held.relative.max(initial=0.0):.1e}, state {held.state_hash or 'unknown'}")
         if not verify:
             return
         world, _, _ = load_source(held.source)

@@ -76,7 +76,33 @@ class Looks:
 
     def placements(self, q: npt.ArrayLike) -> tuple[Array, Array]:
         """Positions (bodies, 3) [m] and rotations (bodies, 3, 3) of all bodies at a configuration (nq,)."""
-        return body_placements(self._skeleton, q)
+        if self._loose is None:
+            return body_placements(self._skeleton, q)
+        body, start = self._loose
+        position, rotation = (fixed.copy() for fixed in self._at_reference)
+        pose = np.asarray(q, dtype=np.float64)[start[:, None] + np.arange(7)]
+        position[body], rotation[body] = pose[:, :3], _rotations(pose[:, 3:])
+        return position, rotation
+
+    @cached_property
+    def _loose(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]] | None:
+        """Bodies and where their poses start in q, if all that moves are bodies without neighbours: thousands of them
+        are placed in one go."""
+        loose = []
+        for i, body in enumerate(self.bodies[1:], 1):
+            joints = body["joints"]
+            if not joints and body["parent"] == 0:
+                continue
+            if body["parent"] != 0 or len(joints) != 1 or joints[0]["type"] != "free" or any(joints[0]["anchor"]):
+                return None
+            loose.append(i)
+        first = {joint.name: joint.q_index for joint in self._skeleton.joints}
+        starts = [first[self.bodies[i]["joints"][0]["name"]] for i in loose]
+        return np.array(loose, dtype=np.int64), np.array(starts, dtype=np.int64)
+
+    @cached_property
+    def _at_reference(self) -> tuple[Array, Array]:
+        return body_placements(self._skeleton, self._skeleton.initial_q)
 
     @property
     def reference_q(self) -> Array:
@@ -165,6 +191,17 @@ def _normalised(part: Drawable) -> tuple[Array, Array, Mesh]:
     scale[scale <= 1e-6 * scale.max()] = 1.0  # a flat one
     vertices = np.rint(_INT16 * (part.vertices - center) / scale) / _INT16
     return center, scale, Mesh(vertices.astype(np.float32), np.asarray(part.triangles, dtype=np.int32))
+
+
+def _rotations(quaternion: Array) -> Array:
+    """(n, 3, 3) of quaternions (n, 4), w last."""
+    x, y, z, w = (quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)).T
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def _described(body: Any) -> dict[str, Any]:

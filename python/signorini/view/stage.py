@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
+_MANY_TRIANGLES = 1_000_000  # of one mesh in all its places; a page thins them out
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0], dtype=np.float32)
 _CREASE = np.cos(np.radians(35.0))  # edges sharper than this are seen as edges
 _STICK, _SLIDE, _OPEN = (41, 98, 176), (232, 119, 34), (150, 150, 150)
@@ -48,7 +49,7 @@ def stop_server(server: Any) -> None:
 
 @dataclass(frozen=True)
 class Extent:
-    """Where the action is. center [m]; size: largest extent [m]; low: bottom [m]."""
+    """Where the action is. center [m]; size: largest extent, or three quarters of the diagonal [m]."""
 
     center: Array
     size: float
@@ -76,7 +77,8 @@ class Extent:
         for place_of, radius_of in fixed:
             if radius_of < size and (np.abs(place_of - 0.5 * (low + high)) < 1.5 * size).all():
                 low, high = np.minimum(low, place_of - radius_of), np.maximum(high, place_of + radius_of)
-        return cls(0.5 * (low + high), max(1e-3, float((high - low).max())))
+        size = max(float((high - low).max()), 0.75 * float(np.linalg.norm(high - low)))
+        return cls(0.5 * (low + high), max(1e-3, size))
 
 
 def moving_bodies(looks: Looks) -> npt.NDArray[np.bool_]:
@@ -109,7 +111,7 @@ class _Group:
             batched_colors=_HULL if hull else color,
             batched_opacities=None if hull or (opacity >= 1.0).all() else opacity,
             opacity=0.35 if hull else None,
-            lod="off",
+            lod=((1e-3, 0.2),) if len(parts) * len(triangles) > _MANY_TRIANGLES else "off",
             side="double" if not hull and not _closed(mesh) else "front",
             cast_shadow=not hull,
             receive_shadow=not hull,
@@ -146,13 +148,9 @@ class Stage:
         scene, size = self._server.scene, self.extent.size
         scene.set_up_direction("+z")
         scene.configure_environment_map(None)  # it takes long without a graphics card
-        scene.add_light_hemisphere("/light/sky", sky_color=(255, 255, 255), ground_color=(150, 150, 155), intensity=1.6)
+        scene.add_light_hemisphere("/light/sky", sky_color=(255, 255, 255), ground_color=(150, 150, 155), intensity=2.2)
         self.set_shadows(self.shadows)
-        camera = self._server.initial_camera
-        camera.look_at = tuple(self.extent.center)
-        camera.position = tuple(self.extent.center + size * np.array([1.1, -1.3, 0.6]))
-        camera.fov = np.radians(40.0)
-        camera.near, camera.far = max(1e-3, 0.01 * size), 200.0 * size
+        self.aim()
         cell = 10.0 ** np.floor(np.log10(0.5 * size))
         position, rotation = self.looks.placements(self.looks.reference_q)
         for number in np.flatnonzero(self.looks.flat & ~self.looks.collision):
@@ -173,6 +171,16 @@ class Stage:
                 )  # fmt: skip
             else:
                 self._wall(f"/ground/{number}", a, normal)
+
+    def aim(self, aside: float = 0.0) -> None:
+        """Where a page looks from at first; aside: how far the middle of things is left of the page's, in extents."""
+        center, size, camera = self.extent.center, self.extent.size, self._server.initial_camera
+        back = np.array([1.25, -1.5, 0.7])
+        right = np.array([-back[1], back[0], 0.0]) / np.hypot(back[0], back[1])
+        camera.look_at = tuple(center + aside * size * right)
+        camera.position = tuple(center + aside * size * right + size * back)
+        camera.fov = np.radians(40.0)
+        camera.near, camera.far = max(1e-3, 0.01 * size), 200.0 * size
 
     def set_shadows(self, shadows: bool) -> None:
         self.shadows = shadows

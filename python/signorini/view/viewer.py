@@ -150,6 +150,7 @@ class Viewer:
         self._plots_drawn = _NEVER
         self.server = new_server(host, port)
         self.stage = Stage(self.server, looks, extent, typical_force, shadows=shadows)
+        self.stage.aim(aside=0.14)  # beside the panel
         self._build_panel(title, speeds)
         self._draw()
 
