@@ -60,7 +60,7 @@ with Recorder(folder / "wipe_wall.h5", simulator, source={"scene": "ur5-wall"}) 
         result = inverse(state, wanted_velocity(k * DT), guess, closest=True)
         assert result.solved, result
         simulator.control = result.torque  # motors, one a joint
-        recorder.add(simulator.run(1, simulator.control[None, :], keep_states=True))
+        recorder.run(1, simulator.control[None, :])
         contact = simulator.contacts[0]
         place[k] = world.body_placement("tool", simulator.state.q)[0]
         velocity[k], force[k], torque[k] = contact.velocity, contact.force_local, result.torque

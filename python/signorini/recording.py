@@ -1,102 +1,255 @@
-"""Recordings: what a simulation did, in one HDF5 file that h5py alone can read.
+"""Recordings: what a simulation did, in one HDF5 file that h5py alone can read; docs/recordings.md has the layout.
 
-Layout, version 1. Attributes of the root: format ("signorini recording"), version, source (JSON: scene or file, and its
-options), settings (JSON), time_step [s], state_hash (of the last state), complete (1 when the run ended as planned).
-Data sets: start (bytes of Simulator.save() before the first step), q (steps + 1, num_q) and v (steps + 1, num_v), the
-first row being the start, control (steps, num_controls), relative (steps; the certificate), num_contacts (steps),
-seconds (steps; wall time). Compressed, except start.
+A file is written so that it can be read at any time, by others while it grows and after its writer was killed (HDF5's
+single writer, multiple readers).
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from signorini import _simulator
 from signorini._core import InvalidInputError
 from signorini._simulation import Simulator, SimulatorSettings, Trace
 from signorini._world import Array
 
+if TYPE_CHECKING:
+    from signorini.view.looks import Looks
+
 FORMAT = "signorini recording"
-VERSION = 1
-_ROWS = ("q", "v", "control", "relative", "num_contacts", "seconds")
+VERSION = 2
+KEEP_SECONDS = 2.0  # what a killed writer loses at most
+SAMPLE_SECONDS = 0.01  # simulated time between two samples, unless told
+_CHUNK_BYTES = 2**17
+_STEP_ROWS = ("control", "relative", "num_contacts", "seconds", "penetration")
+_SAMPLE_ROWS = ("row", "kinetic", "potential", "last_contact")
+_CONTACT_ROWS = ("geometries", "position", "normal", "force", "gap", "friction")
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Contact points of one step, open ones within the margin too; n rows each.
+
+    geometries: (n, 2), indices of a and b. position: (n, 3), world [m], at the start of the step. normal: (n, 3), from
+    a to b. force: (n, 3), on b, world axes [N], mean over the step. gap: signed [m]. friction: the coefficient.
+    """
+
+    geometries: NDArray[np.int32]
+    position: NDArray[np.float32]
+    normal: NDArray[np.float32]
+    force: NDArray[np.float32]
+    gap: NDArray[np.float32]
+    friction: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.gap)
+
+
+class ContactReader:
+    """Reads the contacts of a simulator's last step into arrays."""
+
+    def __init__(self, simulator: Simulator) -> None:
+        self._simulator = simulator
+        self._friction: dict[tuple[int, int], float] = {}
+
+    def __call__(self) -> Contacts:
+        listed = self._simulator._core.contacts()
+        count = len(listed)
+        pairs = [(c.geometry_a, c.geometry_b) for c in listed]
+        frame = np.array([c.frame for c in listed]).reshape(count, 3, 3)
+        local = np.array([c.force for c in listed]).reshape(count, 3)
+        return Contacts(
+            geometries=np.array(pairs, dtype=np.int32).reshape(count, 2),
+            position=np.array([c.position for c in listed], dtype=np.float32).reshape(count, 3),
+            normal=frame[:, :, 2].astype(np.float32),
+            force=np.einsum("nij,nj->ni", frame, local).astype(np.float32),
+            gap=np.array([c.distance for c in listed], dtype=np.float32),
+            friction=np.array([self._friction_of(pair) for pair in pairs], dtype=np.float32),
+        )
+
+    def _friction_of(self, pair: tuple[int, int]) -> float:
+        if pair not in self._friction:
+            a, b = (self._simulator.world.geometries[i].material for i in pair)
+            self._friction[pair] = float(_simulator.mix(a, b).friction)
+        return self._friction[pair]
+
+
+class _Column:
+    """One data set that grows. Rows are gathered until they fill a chunk: a chunk is compressed once."""
+
+    def __init__(self, group: Any, name: str, width: int | None, kind: Any) -> None:
+        row_bytes = np.dtype(kind).itemsize * max(1, width or 1)
+        self._chunk = int(np.clip(_CHUNK_BYTES // row_bytes, 1, 512))
+        shape = (0,) if width is None else (0, width)
+        most = (None, *(extent or None for extent in shape[1:]))  # without actuators, control has width 0
+        chunks = (self._chunk, *(max(1, extent) for extent in shape[1:]))
+        self._data = group.create_dataset(
+            name, shape, kind, maxshape=most, chunks=chunks, shuffle=True, compression="gzip", compression_opts=1
+        )
+        self._written = 0
+        self._waiting: list[NDArray[Any]] = []
+        self.size = 0
+
+    def append(self, rows: NDArray[Any]) -> None:
+        self._waiting.append(np.array(rows))
+        self.size += len(rows)
+        full = self.size - self.size % self._chunk
+        if full > self._written:
+            self._write(full)
+
+    def keep(self) -> None:
+        if self.size > self._written:
+            self._write(self.size)
+            self._data.flush()
+
+    def _write(self, until: int) -> None:
+        rows = np.concatenate(self._waiting)
+        count = until - self._written
+        self._data.resize(until, axis=0)
+        self._data[self._written :] = rows[:count]
+        self._waiting = [rows[count:]] if count < len(rows) else []
+        self._written = until
 
 
 class Recorder:
-    """Writes a recording while a simulator runs; what was written before an interruption stays readable.
+    """Writes a recording while a simulator runs.
 
     with Recorder("fall.h5", simulator, source={"scene": "humanoid"}) as recorder:
-        recorder.add(simulator.run(100, keep_states=True))
+        recorder.run(100)
+
+    What was written before an interruption stays readable, also when the process is killed: all but the last two
+    seconds [wall time].
     """
 
-    def __init__(self, path: str | PathLike[str], simulator: Simulator, source: Mapping[str, Any]) -> None:
-        """source: what the world came from, kept as JSON for `replay`. Raises OSError where it cannot be written."""
+    def __init__(
+        self,
+        path: str | PathLike[str],
+        simulator: Simulator,
+        source: Mapping[str, Any],
+        contacts_every: int | None = None,
+    ) -> None:
+        """source: what the world came from, kept as JSON for `replay`. contacts_every: steps between two samples of
+        contacts and energy; default: 10 ms of simulated time.
+
+        Raises OSError where the file cannot be written, InvalidInputError on a bad contacts_every.
+        """
+        from signorini.view.looks import Looks
+
+        time_step = simulator.settings.time_step
+        self._every = max(1, round(SAMPLE_SECONDS / time_step)) if contacts_every is None else int(contacts_every)
+        if self._every < 1:
+            raise InvalidInputError(f"contacts_every: is {contacts_every}, must be at least 1")
         self._simulator = simulator
-        self._file = h5py.File(Path(path), "w")
+        self._settled = True  # the last row is the simulator's state
+        self._contacts = ContactReader(simulator)
+        looks = Looks.of(simulator.world).arrays()
+        self._path = Path(path)
+        self._file = h5py.File(self._path, "w", libver=("v110", "v110"))
         attributes = self._file.attrs
         attributes["format"], attributes["version"] = FORMAT, VERSION
         attributes["source"] = json.dumps(dict(source))
         attributes["settings"] = json.dumps(asdict(simulator.settings))
-        attributes["time_step"] = simulator.settings.time_step
-        attributes["complete"] = 0
+        attributes["time_step"] = time_step
+        attributes["contacts_every"] = self._every
+        attributes["complete"], attributes["state_hash"] = 0, ""
         self._file["start"] = np.frombuffer(simulator.save(), np.uint8)
-        widths = {
-            "q": simulator.state.q.size,
-            "v": simulator.state.v.size,
-            "control": simulator.control.size,
-            "relative": None,
-            "num_contacts": None,
-            "seconds": None,
-        }
-        for name, width in widths.items():
-            shape = (0,) if width is None else (0, width)
-            chunks = (1024,) if width is None else (64, max(1, width))
-            kind = np.int32 if name == "num_contacts" else np.float64
-            most = (None, *(extent or None for extent in shape[1:]))  # without actuators, control has width 0
+        for name, values in looks.items():
             self._file.create_dataset(
-                name, shape, kind, maxshape=most, chunks=chunks, compression="gzip", compression_opts=4
+                f"looks/{name}", data=values, **({"shuffle": True, "compression": "gzip"} if values.size else {})
             )
+        real, small = np.float64, np.float32
+        columns: list[tuple[str, int | None, Any]] = [
+            ("q", simulator.state.q.size, real), ("v", simulator.state.v.size, real), ("time", None, real),
+            ("control", simulator.control.size, real), ("relative", None, real), ("num_contacts", None, np.int32),
+            ("seconds", None, real), ("penetration", None, real),
+            ("samples/row", None, np.int64), ("samples/kinetic", None, real), ("samples/potential", None, real),
+            ("samples/last_contact", None, np.int64),
+            ("contacts/geometries", 2, np.int32), ("contacts/position", 3, small), ("contacts/normal", 3, small),
+            ("contacts/force", 3, small), ("contacts/gap", None, small), ("contacts/friction", None, small),
+        ]  # fmt: skip
+        self._columns = {name: _Column(self._file, name, width, kind) for name, width, kind in columns}
         self._append("q", simulator.state.q[None])
         self._append("v", simulator.state.v[None])
+        self._append("time", [simulator.state.time])
+        self._sample(None)
+        self._file.swmr_mode = True
         self._keep()
 
-    def add(self, trace: Trace) -> None:
-        """Appends what run(..., keep_states=True) returned; what had no controls of its own, under the control as it is
-        now."""
-        if trace.states is None:
-            raise InvalidInputError("trace.states: is None, must be kept: run(..., keep_states=True)")
-        num_q = self._simulator.state.q.size
-        self._append("q", trace.states[:, :num_q])
-        self._append("v", trace.states[:, num_q:])
-        same = np.tile(self._simulator.control, (len(trace.states), 1))
-        self._append("control", same if trace.controls is None else trace.controls)
-        self._append("relative", trace.relative)
-        self._append("num_contacts", trace.num_contacts)
-        self._append("seconds", trace.seconds)
-        self._keep()
+    def run(
+        self, num_steps: int, controls: ArrayLike | None = None, *, controller: Callable[[], None] | None = None
+    ) -> Trace:
+        """Simulator.run(), recorded. controls: num_steps x num_controls, or None: the control as it is, or as the
+        controller sets it."""
+        given = None if controls is None else np.asarray(controls, dtype=np.float64)
+        traces = []
+        done = 0
+        while done < num_steps:
+            count = min(num_steps - done, self._every - (self._columns["q"].size - 1) % self._every)
+            applied = None if given is None else given[done : done + count]
+            self._settled = False
+            traces.append(self._simulator.run(count, applied, controller=controller, keep_states=True))
+            self._add(traces[-1])
+            self._settled = True
+            done += count
+        return _one_trace(traces) if traces else self._simulator.run(0, keep_states=True)
 
-    def _append(self, name: str, rows: NDArray[Any]) -> None:
-        data = self._file[name]
-        before = data.shape[0]
-        data.resize(before + len(rows), axis=0)
-        data[before:] = rows
+    def _add(self, trace: Trace) -> None:
+        states, controls = trace.states, trace.controls
+        assert states is not None
+        steps, num_q = len(states), self._simulator.state.q.size
+        time_step = self._simulator.settings.time_step
+        self._append("q", states[:, :num_q])
+        self._append("v", states[:, num_q:])
+        self._append("time", self._simulator.state.time - time_step * np.arange(steps - 1, -1, -1))
+        self._append("control", np.tile(self._simulator.control, (steps, 1)) if controls is None else controls)
+        for name in _STEP_ROWS[1:]:
+            self._append(name, getattr(trace, name))
+        if (self._columns["q"].size - 1) % self._every == 0:
+            self._sample(self._contacts())
+        if time.monotonic() - self._kept > KEEP_SECONDS:
+            self._keep()
+
+    def _sample(self, contacts: Contacts | None) -> None:
+        """Energy of the present state, and the contacts of the step that led to it."""
+        energy = self._simulator.energy
+        self._append("samples/row", [self._columns["q"].size - 1])
+        self._append("samples/kinetic", [energy.kinetic])
+        self._append("samples/potential", [energy.potential])
+        if contacts is not None:
+            for name in _CONTACT_ROWS:
+                self._append(f"contacts/{name}", getattr(contacts, name))
+        self._append("samples/last_contact", [self._columns["contacts/gap"].size])
+
+    def _append(self, name: str, rows: Any) -> None:
+        self._columns[name].append(np.asarray(rows))
 
     def _keep(self) -> None:
-        self._file.attrs["state_hash"] = self._simulator.state_hash
+        for column in self._columns.values():
+            column.keep()
         self._file.flush()
+        self._kept = time.monotonic()
 
     def close(self, *, complete: bool = True) -> None:
-        if self._file:
-            self._file.attrs["complete"] = int(complete)
-            self._file.close()
+        if not self._file:
+            return
+        self._keep()
+        self._file.close()
+        with suppress(OSError), h5py.File(self._path, "r+") as file:  # OSError: moved or deleted meanwhile
+            file.attrs["complete"] = int(complete)
+            file.attrs["state_hash"] = self._simulator.state_hash if self._settled else ""
 
     def __enter__(self) -> Recorder:
         return self
@@ -107,9 +260,42 @@ class Recorder:
         self.close(complete=kind is None)
 
 
+def _one_trace(traces: list[Trace]) -> Trace:
+    columns: dict[str, Any] = {}
+    for field in fields(Trace):
+        parts = [getattr(trace, field.name) for trace in traces]
+        columns[field.name] = None if parts[0] is None else np.concatenate(parts)
+    return Trace(**columns)
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Of the start and of every contacts_every-th step. row: of q, v and time, which it belongs to; kinetic, potential:
+    energy of that state [J]; last_contact: one past its last contact; contacts: of all samples, one after the other,
+    the start having none."""
+
+    row: NDArray[np.int64]
+    kinetic: Array
+    potential: Array
+    last_contact: NDArray[np.int64]
+    contacts: Contacts
+
+    def at(self, row: int) -> int:
+        """The last sample at or before a row."""
+        return max(0, int(np.searchsorted(self.row, row, side="right")) - 1)
+
+    def contacts_of(self, sample: int) -> Contacts:
+        first = int(self.last_contact[sample - 1]) if sample > 0 else 0
+        part = slice(first, int(self.last_contact[sample])) if len(self.last_contact) else slice(0)
+        return Contacts(**{name: getattr(self.contacts, name)[part] for name in _CONTACT_ROWS})
+
+
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A recording read back: see the module for the fields. states(k) of step k are q[k], v[k]; row 0 is the start."""
+    """A recording read back: docs/recordings.md has the fields. Step k leads from q[k], v[k] to q[k + 1], v[k + 1].
+
+    state_hash: of the last state; empty when the writer was stopped amid its work. samples: empty in version 1.
+    """
 
     source: dict[str, Any]
     settings: SimulatorSettings
@@ -118,28 +304,52 @@ class Recording:
     start: bytes
     q: Array
     v: Array
+    time: Array
     control: Array
     relative: Array
     num_contacts: NDArray[np.int32]
     seconds: Array
+    penetration: Array
+    samples: Samples
+    looks_arrays: dict[str, NDArray[Any]]
 
     @property
     def num_steps(self) -> int:
         return len(self.relative)
 
+    @cached_property
+    def looks(self) -> Looks | None:
+        """Meshes and joints, to draw it; None in files of version 1."""
+        from signorini.view.looks import Looks
+
+        return Looks.from_arrays(self.looks_arrays) if self.looks_arrays else None
+
 
 def read(path: str | PathLike[str]) -> Recording:
-    """Reads a recording. Raises InvalidInputError naming file and defect: not HDF5, damaged, not a recording, newer."""
+    """Reads a recording, also one that is still being written or whose writer was killed.
+
+    Raises InvalidInputError naming file and defect: not HDF5, damaged, not a recording, newer.
+    """
     path = Path(path)
     if not path.is_file():
         raise InvalidInputError(f"{path}: there is no such file")
     try:
-        with h5py.File(path, "r") as file:
+        with _open(path) as file:
             return _read(path, file)
     except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
         if isinstance(error, InvalidInputError):
             raise
         raise InvalidInputError(f"{path}: is not a readable recording ({error})") from None
+
+
+def _open(path: Path) -> Any:
+    """Its writer may be at work, or may have been killed; then the file says so, and HDF5 opens it on request only."""
+    with path.open("rb") as file:
+        head = file.read(36)
+    unfinished = len(head) == 36 and head[8] == 3 and head[11] & 5 == 5  # superblock of version 3: flags, end at 28
+    if unfinished and int.from_bytes(head[28:36], "little") > path.stat().st_size:
+        raise OSError("it is cut off")  # HDF5 would wait for the rest to be written
+    return h5py.File(path, "r", swmr=unfinished)
 
 
 def _read(path: Path, file: h5py.File) -> Recording:
@@ -148,23 +358,64 @@ def _read(path: Path, file: h5py.File) -> Recording:
     version = int(file.attrs["version"])
     if version > VERSION:
         raise InvalidInputError(f"{path}: has version {version}, this program reads up to {VERSION}")
-    rows = {name: file[name][()] for name in _ROWS}
-    steps = len(rows["relative"])
-    for name, data in rows.items():
-        wanted = steps + 1 if name in ("q", "v") else steps
-        if len(data) < wanted:
-            raise InvalidInputError(f"{path}: is damaged: {name} has {len(data)} rows, must have {wanted}")
-        rows[name] = data[:wanted]
+    complete = bool(file.attrs["complete"])
+    # An unfinished file may hold more of one data set than of another: as many steps count as all of them have.
+    per_state = ["q", "v"] if version == 1 else ["q", "v", "time"]
+    per_step = [name for name in _STEP_ROWS if version > 1 or name != "penetration"]
+    lengths = {name: len(file[name]) for name in per_state + per_step}
+    steps = lengths["relative"]
+    if not complete and version > 1:
+        steps = min([lengths[name] - 1 for name in per_state] + [lengths[name] for name in per_step])
+    if steps < 0:
+        raise InvalidInputError(f"{path}: holds no state yet")
+    rows: dict[str, Any] = {}
+    for name, length in lengths.items():
+        wanted = steps + 1 if name in per_state else steps
+        if length < wanted:
+            raise InvalidInputError(f"{path}: is damaged: {name} has {length} rows, must have {wanted}")
+        rows[name] = file[name][:wanted]
+    time_step = float(file.attrs["time_step"])
+    if version == 1:
+        rows["time"], rows["penetration"] = time_step * np.arange(steps + 1), np.full(steps, np.nan)
     known = {field.name for field in fields(SimulatorSettings)}
     settings = {k: v for k, v in json.loads(file.attrs["settings"]).items() if k in known}
     return Recording(
         source=json.loads(file.attrs["source"]),
         settings=SimulatorSettings(**settings),
         state_hash=str(file.attrs["state_hash"]),
-        complete=bool(file.attrs["complete"]),
+        complete=complete,
         start=file["start"][()].tobytes(),
+        samples=_read_samples(path, file, steps),
+        looks_arrays={name: data[()] for name, data in file["looks"].items()} if version > 1 else {},
         **rows,
     )
+
+
+def _read_samples(path: Path, file: h5py.File, steps: int) -> Samples:
+    if "samples" not in file:
+        return Samples(
+            np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0, np.int64), Contacts(**_no_contacts())
+        )
+    rows = {name: file["samples"][name][()] for name in _SAMPLE_ROWS}
+    points = {name: file["contacts"][name][()] for name in _CONTACT_ROWS}
+    have = min(len(values) for values in points.values())
+    count = min(len(values) for values in rows.values())
+    count = int(np.count_nonzero((rows["row"][:count] <= steps) & (rows["last_contact"][:count] <= have)))
+    if file.attrs["complete"] and any(len(values) != count for values in rows.values()):
+        raise InvalidInputError(f"{path}: is damaged: samples or contacts have too few rows")
+    rows = {name: values[:count] for name, values in rows.items()}
+    if count and ((np.diff(rows["row"]) <= 0).any() or (np.diff(rows["last_contact"], prepend=0) < 0).any()):
+        raise InvalidInputError(f"{path}: is damaged: the rows of samples do not grow")
+    return Samples(contacts=Contacts(**points), **rows)
+
+
+def _no_contacts() -> dict[str, Any]:
+    none = np.zeros(0, np.float32)
+    vectors = np.zeros((0, 3), np.float32)
+    return {
+        "geometries": np.zeros((0, 2), np.int32), "position": vectors, "normal": vectors, "force": vectors,
+        "gap": none, "friction": none,
+    }  # fmt: skip
 
 
 def replay(recording: Recording, simulator: Simulator) -> int | None:

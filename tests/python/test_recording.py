@@ -1,14 +1,22 @@
 """Recordings, and the commands run, replay, scenes."""
 
 import json
+import re
+import signal
+import subprocess
+import sys
+import time
 
 import h5py
 import numpy as np
 import pytest
+from conftest import REPOSITORY
 from typer.testing import CliRunner
 
 from signorini import InvalidInputError, Simulator, recording, scenes
 from signorini.cli.main import app
+from signorini.view.drawables import body_placements, drawables
+from signorini.view.looks import Looks
 
 SMALL = ["--option", "num-cubes=4", "--option", "mass-ratio=10"]
 
@@ -76,7 +84,7 @@ def test_an_interrupted_run_leaves_a_readable_recording(tmp_path):
 
     def interrupted():
         with recording.Recorder(path, simulator, {"scene": "cube-stack"}) as recorder:
-            recorder.add(simulator.run(10, keep_states=True))
+            recorder.run(10)
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -84,6 +92,190 @@ def test_an_interrupted_run_leaves_a_readable_recording(tmp_path):
     held = recording.read(path)
     assert (held.num_steps, held.complete) == (10, False)
     assert np.array_equal(held.q[-1], simulator.state.q)
+
+
+def test_contacts_and_energy_are_kept(tmp_path):
+    """Four cubes at rest: the ground carries their weight; then one of them alone falls, and keeps its energy."""
+    start = scenes.worlds()["cube-stack"](num_cubes=4, mass_ratio=10.0)
+    simulator = Simulator(start.world, time_step=2e-3)
+    with recording.Recorder(tmp_path / "stack.h5", simulator, {}) as recorder:
+        recorder.run(23)
+        recorder.run(30)
+    samples = recording.read(tmp_path / "stack.h5").samples
+    assert samples.row.tolist() == [0, *range(5, 51, 5)]  # 10 ms apart, whatever the blocks
+    assert len(samples.contacts_of(0)) == 0
+    masses = 10.0 ** (np.arange(4) / 3.0)
+    body = np.array([geometry.body for geometry in start.world.geometries])
+    for row in (5, 17, 53):
+        held = samples.contacts_of(samples.at(row))
+        assert len(held) == 16
+        ground = (body[held.geometries] == 0).any(axis=1)
+        up = np.where(body[held.geometries[:, 1]] == 0, -1.0, 1.0)[ground, None] * held.force[ground]
+        assert np.allclose(up.sum(axis=0), [0.0, 0.0, 9.81 * masses.sum()], atol=1e-3)
+        assert np.allclose(np.abs(held.position[ground]), [0.1, 0.1, 0.0], atol=1e-6)
+        assert np.allclose(held.friction, 0.8)
+        assert np.abs(held.gap).max() < 1e-6
+        assert np.allclose(np.abs(held.normal), [0.0, 0.0, 1.0], atol=1e-6)
+    assert np.allclose(samples.potential, 9.81 * masses @ [0.1, 0.3, 0.5, 0.7])
+
+    simulator = Simulator(scenes.worlds()["cube-stack"](num_cubes=1).world)
+    simulator.state.q[2] += 1.0
+    with recording.Recorder(tmp_path / "fall.h5", simulator, {}, contacts_every=1) as recorder:
+        recorder.run(100)
+    held = recording.read(tmp_path / "fall.h5")
+    assert np.allclose(held.time, 1e-3 * np.arange(101))
+    assert np.allclose(held.samples.kinetic, 0.5 * (9.81 * held.time) ** 2, rtol=1e-9)
+    assert np.ptp(held.samples.kinetic + held.samples.potential) < 0.5 * 9.81**2 * 1e-3 * 0.1 * (1 + 1e-6)
+
+
+def test_a_recording_can_be_drawn_without_its_world(tmp_path):
+    """Its meshes, put where they belong, are those of the world, and its joints move them as the world's do."""
+    start = scenes.worlds()["boxes"](size=5)
+    with recording.Recorder(tmp_path / "boxes.h5", Simulator(start.world), {}):
+        pass
+    looks = recording.read(tmp_path / "boxes.h5").looks
+    parts = drawables(start.world)
+    assert len(parts) == len(looks.body)
+    assert len(looks.meshes) < len(parts)  # all boxes are one
+    for i, part in enumerate(parts):
+        mesh = looks.meshes[looks.mesh[i]]
+        size = np.ptp(part.vertices, axis=0).max()
+        assert np.allclose(looks.center[i] + looks.scale[i] * mesh.vertices, part.vertices, atol=1e-4 * size)
+        assert np.array_equal(mesh.triangles, part.triangles)
+        assert (looks.body[i], looks.collision[i]) == (part.body, part.collision)
+        assert np.allclose(looks.color[i], part.color)
+    q = start.world.integrate(start.q, np.random.default_rng(0).standard_normal(start.world.num_v), 1.0)
+    for ours, theirs in zip(looks.placements(q), body_placements(start.world, q), strict=True):
+        assert np.allclose(ours, theirs, atol=1e-14)
+
+
+def test_joints_of_every_type_move_the_drawing(tmp_path):
+    from signorini import Joint, WorldBuilder
+
+    builder = WorldBuilder()
+    inertia = np.eye(3)
+    builder.add_body("a", joints=[Joint("free", "free")], position=(1, 2, 3), mass=1.0, inertia=inertia)
+    for name, kind in (("b", "ball"), ("c", "revolute"), ("d", "prismatic")):
+        axis = {} if kind == "ball" else {"axis": (0.6, 0.0, 0.8), "reference": 0.3}
+        builder.add_body(
+            name, parent="abc"["bcd".index(name)], position=(0.1, 0.2, 0.3), orientation=(0.5, 0.5, 0.5, 0.5),
+            joints=[Joint(kind, kind, anchor=(0.0, 0.1, 0.2), **axis)], mass=1.0, inertia=inertia,
+        )  # fmt: skip
+    world = builder.build()
+    looks = Looks.from_arrays(Looks.of(world).arrays())
+    q = world.integrate(world.initial_q, np.random.default_rng(0).standard_normal(world.num_v), 1.0)
+    for ours, theirs in zip(looks.placements(q), body_placements(world, q), strict=True):
+        assert np.array_equal(ours, theirs)
+
+
+WRITER = """
+import sys
+from signorini import Simulator, recording, scenes
+recording.KEEP_SECONDS = 0.2
+start = scenes.worlds()["cube-stack"](num_cubes=2)
+with recording.Recorder(sys.argv[1], Simulator(start.world), {"scene": "cube-stack"}) as recorder:
+    print("started", flush=True)
+    while True:
+        recorder.run(20)
+"""
+
+
+def test_a_killed_run_leaves_a_readable_recording(tmp_path):
+    path = tmp_path / "killed.h5"
+    with subprocess.Popen([sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True) as writer:
+        try:
+            assert writer.stdout.readline() == "started\n"
+            while (growing := recording.read(path)).num_steps < 1000:  # read while it is written
+                time.sleep(0.05)
+        finally:
+            writer.kill()
+    assert writer.returncode == -signal.SIGKILL
+    held = recording.read(path)
+    assert held.num_steps >= growing.num_steps >= 1000
+    assert (held.complete, held.state_hash) == (False, "")
+    assert len(held.q) == len(held.time) == held.num_steps + 1
+    assert held.samples.row[-1] > held.num_steps - 20
+    world = scenes.worlds()["cube-stack"](num_cubes=2).world
+    assert recording.replay(held, Simulator(world, held.settings)) is None
+    with h5py.File(path, swmr=True) as file:  # as the documentation says
+        assert len(file["q"]) >= held.num_steps + 1
+
+    path.write_bytes(path.read_bytes()[:-5000])  # and the disk was full
+    with pytest.raises(InvalidInputError, match="cut off"):
+        recording.read(path)
+
+
+def num_steps(path):
+    """Of a file that somebody may just have begun."""
+    try:
+        return recording.read(path).num_steps
+    except InvalidInputError:
+        return 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
+def test_a_run_that_is_stopped_closes_its_recording(tmp_path, number):
+    path = tmp_path / "stopped.h5"
+    command = [sys.executable, "-c", "from signorini.cli.main import main; main()", "run", "cube-stack"]
+    command += ["--duration", "1000", "--record", str(path)]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
+        try:
+            while num_steps(path) == 0:
+                time.sleep(0.05)
+        finally:
+            process.send_signal(number)
+    assert process.returncode not in (0, -number)  # it ended by itself
+    held = recording.read(path)
+    assert not held.complete
+    assert held.samples.row[-1] > held.num_steps - 10
+    with h5py.File(path) as file:  # an ordinary file
+        assert file.attrs["complete"] == 0
+    assert "interrupted" in invoke("replay", path).output
+
+
+def test_the_blocks_of_its_page_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    text = (REPOSITORY / "docs" / "recordings.md").read_text()
+    written, read = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    assert "signorini" not in read  # with h5py alone
+    exec(written, {})
+    exec(read, {})
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("500 steps, worst certificate ")
+    assert [line[:9] for line in lines[1:3]] == ["at 0.01 s", "at 0.02 s"]
+    assert len(lines) == 51
+
+
+def test_every_data_set_is_documented(recorded):
+    """The layout's tables and the file name the same."""
+    text = (REPOSITORY / "docs" / "recordings.md").read_text()
+    names = set()
+    with h5py.File(recorded) as file:
+        file.visititems(lambda name, item: names.add(name) if isinstance(item, h5py.Dataset) else None)
+        words = {*names, *file.attrs}
+    missing = [word for word in words if f"`{word}" not in text and f"`{word.split('/')[-1]}" not in text]
+    assert not missing
+
+
+def test_version_1_is_read(tmp_path):
+    start = scenes.worlds()["cube-stack"](num_cubes=2)
+    simulator = Simulator(start.world)
+    before = simulator.save()
+    states = simulator.run(30, keep_states=True).states
+    with h5py.File(tmp_path / "old.h5", "w") as file:
+        file.attrs["format"], file.attrs["version"], file.attrs["complete"] = "signorini recording", 1, 1
+        file.attrs["source"], file.attrs["settings"] = '{"scene": "cube-stack"}', "{}"
+        file.attrs["time_step"], file.attrs["state_hash"] = 1e-3, simulator.state_hash
+        file["start"] = np.frombuffer(before, np.uint8)
+        file["q"] = np.vstack([start.q, states[:, : start.q.size]])
+        file["v"] = np.vstack([start.v, states[:, start.q.size :]])
+        file["control"] = np.zeros((30, 0))
+        for name in ("relative", "num_contacts", "seconds"):
+            file[name] = np.zeros(30, np.int32 if name == "num_contacts" else float)
+    held = recording.read(tmp_path / "old.h5")
+    assert np.allclose(held.time, 1e-3 * np.arange(31))
+    assert (held.looks, len(held.samples.row), len(held.samples.contacts)) == (None, 0, 0)
+    assert recording.replay(held, Simulator(start.world)) is None
 
 
 @pytest.mark.parametrize(
@@ -96,6 +288,8 @@ def test_an_interrupted_run_leaves_a_readable_recording(tmp_path):
         (lambda p: edit(p, lambda f: f.attrs.__setitem__("format", "other")), "not a recording"),
         (lambda p: edit(p, lambda f: f.__delitem__("v")), "not a readable recording"),
         (lambda p: edit(p, lambda f: f["q"].resize(5, axis=0)), "damaged"),
+        (lambda p: edit(p, lambda f: f["contacts/gap"].resize(5, axis=0)), "damaged"),
+        (lambda p: edit(p, lambda f: f["samples/row"].__setitem__(3, 0)), "damaged"),
     ],
 )
 def test_damaged_and_newer_recordings_are_refused(recorded, tmp_path, damage, message):

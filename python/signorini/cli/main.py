@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 import signorini
-from signorini.cli import check, experiment, run, solve
+from signorini.cli import check, experiment, picture, run, solve, view
 
 app = typer.Typer(
     help="Robots and contact, simulated; every step certified.", no_args_is_help=True, add_completion=False
@@ -13,6 +13,9 @@ app = typer.Typer(
 app.command(name="run")(run.run)
 app.command(name="check")(check.check)
 app.command(name="replay")(run.replay)
+app.command(name="view")(view.view)
+app.command(name="picture")(picture.picture)
+app.command(name="video")(picture.video)
 app.command(name="scenes")(run.list_scenes)
 app.command(name="solve")(solve.solve)
 app.add_typer(experiment.app, name="experiment")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -16,7 +18,12 @@ from rich.table import Table
 import signorini
 from signorini._hardest import Hardest
 from signorini.cli._output import finite, report, write_json
+from signorini.cli.picture import SIZE, Shots, Size
 from signorini.cli.solve import Law, Solver
+from signorini.cli.view import NoOpen, NoShadows, Port, announce
+
+if TYPE_CHECKING:
+    from signorini.view.viewer import LiveViewer
 
 BLOCK = 50  # steps between two looks at the progress bar
 Source = dict[str, Any]
@@ -87,9 +94,20 @@ def run(
     solver: Annotated[Solver, typer.Option(help="The method; auto chooses.")] = Solver.AUTO,
     tolerance: Annotated[float, typer.Option(help="On the relative residual of each step, in (0, 1).")] = 1e-6,
     record: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep states and certificates (HDF5).")] = None,
+    contacts_every: Annotated[
+        int | None, typer.Option(metavar="STEPS", help="--record: between two samples of contacts; default: 10 ms.")
+    ] = None,
+    view: Annotated[bool, typer.Option("--view", help="Show it on a web page while it runs.")] = False,
+    port: Port = 8080,
+    no_open: NoOpen = False,
+    no_shadows: NoShadows = False,
     hardest: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Keep the problems of the 10 hardest steps (FCLIB).")
     ] = None,
+    picture: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw the last state.")] = None,
+    picture_time: Annotated[float | None, typer.Option(help="... or the one at this time [s].")] = None,
+    video: Annotated[Path | None, typer.Option(metavar="FILE.mp4", help="Make a film.")] = None,
+    size: Size = SIZE,
     json_file: Annotated[
         str | None, typer.Option("--json", metavar="FILE|-", help="Write JSON to FILE, or to standard output.")
     ] = None,
@@ -113,7 +131,18 @@ def run(
         if hardest is not None:
             hardest.mkdir(parents=True, exist_ok=True)
         kept = Hardest(simulator) if hardest is not None else None
-        result = simulate(simulator, scene, max(1, round(length / dt)), source, record, errors, kept, controller)
+        steps = max(1, round(length / dt))
+        drawn = picture is not None or picture_time is not None or video is not None
+        shots = Shots(simulator, steps, picture, picture_time, video, size) if drawn else None
+        with _page(simulator, scene, port, no_open, not no_shadows) if view else contextlib.nullcontext() as page:
+            result = simulate(
+                simulator, scene, steps, source, record, errors, kept, controller,
+                page=page, contacts_every=contacts_every, shots=shots,
+            )  # fmt: skip
+            if shots is not None:
+                shots.write(errors)
+            if page is not None:
+                _stay(page)
         files, left_out = kept.write(hardest, scene) if kept is not None and hardest is not None else ([], 0)
     except (signorini.InvalidInputError, OSError, ImportError) as error:
         report(errors, error)
@@ -126,6 +155,9 @@ def run(
         print_result(result)
         if record is not None:
             print(f"recorded in {record}")
+        for drawing in (picture, video):
+            if drawing is not None:
+                print(f"drawn in {drawing}")
         if files:
             print(f"hardest steps: {len(files)} files in {hardest}")
     if left_out:
@@ -133,6 +165,23 @@ def run(
     if failed:
         raise typer.Exit(2)
     raise typer.Exit(0 if result["solver"]["unsolved"] == 0 else 1)
+
+
+@contextlib.contextmanager
+def _page(simulator: signorini.Simulator, title: str, port: int, no_open: bool, shadows: bool) -> Iterator[LiveViewer]:
+    from signorini.view.viewer import LiveViewer
+
+    with LiveViewer(simulator, title, port=port, shadows=shadows) as page:
+        announce(page.url, no_open)
+        page.play()
+        yield page
+
+
+def _stay(page: LiveViewer) -> None:
+    """The run is over; its page stays until Ctrl-C."""
+    page.finish()
+    with contextlib.suppress(KeyboardInterrupt):
+        page.serve()
 
 
 def _default_duration(source: Source) -> float:
@@ -152,40 +201,60 @@ def simulate(
     errors: Console,
     hardest: Hardest | None = None,
     controller: Callable[[], None] | None = None,
+    *,
+    page: LiveViewer | None = None,
+    contacts_every: int | None = None,
+    shots: Shots | None = None,
 ) -> dict[str, Any]:
-    """Runs with a progress bar and, if asked, a recording; returns what --json writes."""
+    """Runs with a progress bar and, if asked, a recording and a page; returns what --json writes.
+
+    With a page, Ctrl-C ends the run early and nothing else; without, it is raised as ever.
+    """
     from signorini import recording
 
-    recorder = recording.Recorder(record, simulator, source) if record is not None else None
+    recorder = recording.Recorder(record, simulator, source, contacts_every) if record is not None else None
     energy = simulator.energy.total
     traces = []
     start = time.perf_counter()
+    done = 0
     try:
-        with Progress(
-            TextColumn("{task.description}", markup=False),
-            BarColumn(),
-            TaskProgressColumn(),
-            TimeRemainingColumn(),
-            console=errors,
-            transient=True,
-        ) as progress:
+        with (
+            _terminated_as_interrupted(),
+            Progress(
+                TextColumn("{task.description}", markup=False),
+                BarColumn(),
+                TaskProgressColumn(),
+                TimeRemainingColumn(),
+                console=errors,
+                transient=True,
+            ) as progress,
+        ):
             task = progress.add_task(name, total=num_steps)
-            for first in range(0, num_steps, BLOCK):
-                count = min(BLOCK, num_steps - first)
+            while done < num_steps:
+                most = min(BLOCK, num_steps - done)
+                if shots is not None:
+                    most = min(most, shots.steps_to_next(done))
+                count = most if page is None else page.allow(most)
                 if hardest is not None:
                     hardest.watch()
-                traces.append(simulator.run(count, controller=controller, keep_states=recorder is not None))
+                traces.append((recorder or simulator).run(count, controller=controller))
                 if hardest is not None:
                     hardest.add(traces[-1])
-                if recorder is not None:
-                    recorder.add(traces[-1])
+                done += count
+                if shots is not None:
+                    shots.look(done)
+                if page is not None:
+                    page.add(traces[-1])
                 progress.advance(task, count)
-    except BaseException:
+    except BaseException as error:
         if recorder is not None:
             recorder.close(complete=False)
-        raise
-    if recorder is not None:
+        if page is None or not traces or not isinstance(error, KeyboardInterrupt):
+            raise
+        page.stop()
+    if recorder is not None and done == num_steps:
         recorder.close()
+    num_steps = done
     elapsed = time.perf_counter() - start
 
     def all_of(field: str) -> Any:
@@ -214,6 +283,24 @@ def simulate(
         },
         "state_hash": simulator.state_hash,
     }
+
+
+@contextlib.contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """SIGTERM ends a run as Ctrl-C does: files are closed."""
+
+    def interrupt(number: int, frame: Any) -> None:
+        raise KeyboardInterrupt
+
+    try:
+        before = signal.signal(signal.SIGTERM, interrupt)
+    except ValueError:  # not the main thread, where signals do not arrive
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def print_result(result: dict[str, Any]) -> None:
@@ -258,7 +345,7 @@ def replay(
         name = held.source.get("scene") or held.source.get("file")
         how = "complete" if held.complete else "interrupted"
         print(f"{file}: {name}, {held.num_steps} steps of {1e3 * held.settings.time_step:g} ms, {how}")
-        print(f"worst certificate {held.relative.max(initial=0.0):.1e}, state {held.state_hash}")
+        print(f"worst certificate {held.relative.max(initial=0.0):.1e}, state {held.state_hash or 'unknown'}")
         if not verify:
             return
         world, _, _ = load_source(held.source)

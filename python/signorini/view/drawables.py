@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -172,11 +173,9 @@ def _of_core_shape(shape: Any) -> tuple[Array, Triangles, bool]:
         half = HALF_SPACE
         corners = [[-half, -half, 0.0], [half, -half, 0.0], [half, half, 0.0], [-half, half, 0.0]]
         return np.array(corners), np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), False
-    if kind == "sphere":
-        return (*_turned(_half_circle(size[0], 0.0)), True)
-    if kind == "ellipsoid":
-        vertices, triangles = _turned(_half_circle(1.0, 0.0))
-        return vertices * size, triangles, True
+    if kind in ("sphere", "ellipsoid"):
+        vertices, triangles = _unit_ball()
+        return vertices * (size[0] if kind == "sphere" else size), triangles, True
     if kind == "capsule":
         return (*_turned(_half_circle(size[0], size[1])), True)
     if kind == "cylinder":
@@ -190,6 +189,11 @@ def _box(half: Array) -> tuple[Array, Triangles]:
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     triangles = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
     return signs * half, np.array(triangles, dtype=np.int32)
+
+
+@lru_cache(maxsize=1)
+def _unit_ball() -> tuple[Array, Triangles]:
+    return _turned(_half_circle(1.0, 0.0))
 
 
 def _half_circle(radius: float, half_length: float, count: int = 12) -> Array:
