@@ -290,7 +290,7 @@ class Samples:
         return Contacts(**{name: getattr(self.contacts, name)[part] for name in _CONTACT_ROWS})
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """A recording read back: docs/recordings.md has the fields. Step k leads from q[k], v[k] to q[k + 1], v[k + 1].
 
