@@ -488,12 +488,27 @@ def test_pieces_are_kept_and_bad_ones_ignored(cache, monkeypatch):
     monkeypatch.undo()
     (kept,) = cache.iterdir()
     good = kept.read_bytes()
-    for damaged in (b"", good[:100], good.replace(b"points", b"joints"), b"x" * 1000):
-        kept.write_bytes(damaged)
-        monkeypatch.setenv("XDG_CACHE_HOME", str(cache.parent.parent))
-        again = [piece.vertices for piece in mesh.hulls(u_shape(), split=True)]
-        assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))  # the same without the cache
-    assert not [path for path in cache.iterdir() if path.suffix == ".part"]
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache.parent.parent))
+    kept.write_bytes(good[:100])
+    again = [piece.vertices for piece in mesh.hulls(u_shape(), split=True)]
+    assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))  # the same without the cache
+    assert list(cache.iterdir()) == [kept]
+
+
+def test_what_is_no_file_of_pieces(tmp_path):
+    path = tmp_path / "a.npz"
+    for sizes, points in (([4], EIGHT), ([9, -1], EIGHT), ([8.0], EIGHT), ([8], EIGHT * np.nan), ([8], EIGHT[:, :2])):
+        np.savez(path, sizes=np.array(sizes), points=points)
+        assert _pieces._load(path) is None
+    np.savez(path, sizes=[8], joints=EIGHT)
+    assert _pieces._load(path) is None
+    np.savez(path, sizes=[8], points=np.array([object()] * 8))  # a pickle
+    assert _pieces._load(path) is None
+    for data in (b"", b"x" * 1000, b"PK\x03\x04" + bytes(100)):
+        path.write_bytes(data)
+        assert _pieces._load(path) is None
+    np.savez(path, sizes=[3, 5], points=EIGHT)
+    assert [len(piece) for piece in _pieces._load(path)] == [3, 5]
 
 
 def test_pieces_without_a_cache_folder(cache, monkeypatch):

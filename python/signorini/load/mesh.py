@@ -242,8 +242,7 @@ def _box(hull: Hull) -> tuple[tuple[float, float, float], Placement] | None:
     axes = np.stack([first, second, np.cross(first, second)])
     order = max(itertools.permutations(range(3)), key=lambda p: sum(abs(axes[p[i], i]) for i in range(3)))
     axes = axes[list(order)]
-    axes *= np.where(np.diag(axes) < 0.0, -1.0, 1.0)[:, None]
-    axes[2] *= np.linalg.det(axes)
+    axes *= np.where(np.diag(axes) < 0.0, -1.0, 1.0)[:, None]  # right-handed: the trace is more than 1
     signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
     corners = hull.vertices[np.argmax(signs @ axes @ hull.vertices.T, axis=1)]
     edges = 0.25 * signs.T @ corners  # means of four
@@ -252,10 +251,9 @@ def _box(hull: Hull) -> tuple[tuple[float, float, float], Placement] | None:
         return None
     u, _, vt = np.linalg.svd((edges / lengths[:, None]).T)
     rotation, center, half = u @ vt, corners.mean(axis=0), 0.5 * lengths
-    tolerance = BOX * float(np.abs(hull.vertices).max())
-    off = np.abs(center + (signs * half) @ rotation.T - corners).max()
+    # A corner that is inside the box puts another one, of which this is the mean, outside.
     outside = (np.abs((hull.vertices - center) @ rotation) - half).max()
-    if off > tolerance or outside > tolerance:
+    if outside > BOX * float(np.abs(hull.vertices).max()):
         return None
     return (float(half[0]), float(half[1]), float(half[2])), Placement(rotation, center)
 
