@@ -1,7 +1,12 @@
 """Files that are wrong: each is refused in bounded time, with the file and the element named."""
 
+import importlib.util
+import json
+import subprocess
+import sys
 import time
 
+import malformed_corpus
 import pytest
 from recording_builder import RecordingBuilder
 
@@ -230,3 +235,26 @@ def test_malformed_mjcf(tmp_path, monkeypatch, text, words):
     message = refused(path)
     for word in words:
         assert word in message
+
+
+@pytest.fixture(scope="module")
+def outcomes(tmp_path_factory):
+    """What came of each file of the corpus."""
+    command = [sys.executable, malformed_corpus.__file__, str(tmp_path_factory.mktemp("corpus"))]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return {line["name"]: line for line in map(json.loads, done.stdout.splitlines())}
+
+
+CASES = list(malformed_corpus.CASES)
+
+
+@pytest.mark.parametrize("name", CASES, ids=[f"{i} of {len(CASES)}, {name}" for i, name in enumerate(CASES, 1)])
+def test_malformed_corpus(outcomes, name):
+    if name.startswith("MJCF") and importlib.util.find_spec("mujoco") is None:
+        pytest.skip("needs mujoco")
+    result = outcomes[name]
+    assert result["outcome"] == "InvalidInputError", result
+    for word in (result["file"], *malformed_corpus.CASES[name][1]):
+        assert word in result["message"]
+    assert result["length"] < 3000
+    assert result["seconds"] < 5.0  # of the processor; the longest takes 2

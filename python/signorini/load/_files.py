@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -45,8 +46,9 @@ class FileFinder:
                 element.fail(f'filename is "{name}": only package://, model://, file:// and plain paths are read')
             candidates = [self._folder / name]
         for candidate in candidates:
-            if candidate.is_file():
-                return candidate
+            with suppress(OSError):  # a name that is too long
+                if candidate.is_file():
+                    return candidate
         places = "".join(f"\n    {place}" for place in candidates) or "\n    (no folder of this package was found)"
         given = "" if self._given else "; package_dirs=[...] adds folders"
         element.fail(f'filename is "{name}", which is not there. Looked for at{given}:{places}')

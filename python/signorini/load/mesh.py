@@ -36,6 +36,7 @@ HULL_VERTICES = 256
 #: A flat mesh gets this thickness [m].
 THICKNESS = 1e-3
 _FLAT = 1e-6  # of the largest extent
+_POINT = 1e-9  # [m]
 _CHUNK = 4096  # points at a time, to bound memory
 _MANY = 20_000  # candidates for corners, beyond which most are left out
 #: A hull is the box that its corners are within this share of their distance from the origin: files have few digits.
@@ -167,11 +168,13 @@ def convex_hull(
     points = np.asarray(points, dtype=np.float64)
     mesh = Mesh(points, None if triangles is None else triangles.astype(np.int64))
     notes: list[str] = []
+    if not np.isfinite(points).all():
+        raise InvalidInputError("a vertex is not finite")
     centre = points.mean(0)
     # Extents along the principal axes; of a sample when there are very many points.
     axes = np.linalg.svd(np.cov((points - centre).T), hermitian=True)[2] if len(points) > 1 else np.eye(3)
     extents = np.ptp((points - centre) @ axes.T, axis=0)
-    if not extents[0] > 0.0:
+    if not extents[0] > _POINT:
         raise InvalidInputError("all vertices are one point; a hull needs four that are in no plane")
     if extents[1] <= _FLAT * extents[0]:
         raise InvalidInputError("all vertices are on one line; a hull needs four that are in no plane")
@@ -476,7 +479,7 @@ def _read_ply(path: Path) -> Mesh:
     if len(set(names)) != len(names) or not {"x", "y", "z"} <= set(names):
         _fail(path, "has vertices without x, y and z, or with one twice")
     count, begin = int(words[elements[0]][-1]), header_end.end()
-    faces = [words[i:j] for i, j in zip(elements[1:], [*elements[2:], len(words)], strict=True)][:1]
+    faces = [words[i:j] for i, j in zip(elements[1:], [*elements[2:], len(words)], strict=False)][:1]
     if encoding == "ascii":
         body = data[begin:].split(maxsplit=count * len(names)) if count < len(data) else []
         if len(body) < count * len(names):
