@@ -461,7 +461,7 @@ INCLUDE = '<mujoco><include file="{}"/></mujoco>'
 DEVICE, FIFO = "/dev/zero", os.mkfifo
 nothing = write("other.txt", "")
 for name, words, text, make in (
-    ("that includes itself", "bad.xml", INCLUDE.format("bad.xml"), nothing),
+    ("that includes itself", "already included", INCLUDE.format("bad.xml"), nothing),
     ("that includes another, that this", "bad.xml", INCLUDE.format("b.xml"), write("b.xml", INCLUDE.format("bad.xml"))),
     ("that includes itself by another name", "bad.xml", INCLUDE.format("./x/../bad.xml"), lambda f: (f / "x").mkdir()),
     ("that includes itself by a link", "l.xml", INCLUDE.format("l.xml"), lambda f: (f / "l.xml").symlink_to("bad.xml")),
@@ -588,6 +588,18 @@ for name, words, text, make in (
     ),
 ):
     mjcf_files(name, words, text, make)
+
+
+@case("MJCF of 2^30 bodies that are attached", "copies")
+def _(folder):
+    for i in range(30):
+        below = f'<asset><model name="m" file="{i + 1}.xml"/></asset>'
+        twice = "".join(f'<frame><attach model="m" body="b" prefix="{side}"/></frame>' for side in "lr")
+        inside = (
+            f'<body name="b"><geom size="1"/>{twice}</body>' if i < 29 else '<body name="b"><geom size="1"/></body>'
+        )
+        (folder / ("bad.xml" if i == 0 else f"{i}.xml")).write_text(world(inside, below if i < 29 else ""))
+    return folder / "bad.xml"
 
 
 @case("MJCF that is a URDF", "bad.urdf", format="mjcf")

@@ -90,12 +90,16 @@ class _Scan:
 
     def _below(self, path: Path, tag: str, name: str, line: int, folders: set[Path], above: list[str]) -> int:
         weight = 0
-        for folder in sorted(folders):
-            if self._check(path, tag, name, line, folder / name):
-                if os.path.realpath(folder / name) in above:
-                    self._fail(path, line, f'<{tag}>: file is "{name}", which this file is part of')
-                if not name.lower().endswith((".mjb", ".urdf")):
-                    weight = max(weight, self.weight(folder / name, above))
+        for folder in (path.parent, *sorted(folders)):
+            if not self._check(path, tag, name, line, folder / name):
+                continue
+            part_of_it = os.path.realpath(folder / name) in above
+            if part_of_it and tag == "model":
+                self._fail(path, line, f'<model>: file is "{name}", which this file is part of')
+            if not part_of_it and not name.lower().endswith((".mjb", ".urdf")):
+                weight = max(weight, self.weight(folder / name, above))
+            if tag == "model":
+                break
         return weight
 
     def _check(self, path: Path, tag: str, name: str, line: int, file: Path) -> bool:
