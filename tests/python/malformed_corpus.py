@@ -393,16 +393,20 @@ for name, text, words in (
     ("without its height field", asset('<hfield name="h" file="nope.png" size="1 1 1 1"/>'), "nope.png"),
     ("without its skin", asset('<skin name="s" file="nope.skn"/>'), "nope.skn"),
     ("with a mesh of another folder", asset('<mesh name="m" file="../../../../../../etc/passwd"/>'), "passwd"),
-    ("with 1e9 copies", world('<replicate count="1000000000" offset="1 0 0"><geom size="1"/></replicate>'), "bad.xml"),
+    (
+        "with 1e9 copies",
+        world('<replicate count="1000000000" offset="1 0 0"><geom size="1"/></replicate>'),
+        "makes more than",
+    ),
     (
         "with copies of copies",
         world('<replicate count="1000" offset="1 0 0">' * 4 + '<geom size="1"/>' + "</replicate>" * 4),
-        "bad.xml",
+        "makes more than",
     ),
     (
         "with a cloth of 1e10",
         world('<flexcomp name="f" type="grid" count="100000 100000 1" spacing="1 1 1"/>'),
-        "bad.xml",
+        "<flexcomp>",
     ),
     (
         "with a chain of 1e9",
@@ -410,23 +414,31 @@ for name, text, words in (
             '<body><composite type="cable" curve="s" count="1000000000 1 1" size="1"><joint kind="main"/>'
             '<geom type="capsule" size="0.1"/></composite></body>'
         ),
-        "bad.xml",
+        "<composite>",
     ),
-    ("with a height field of 1e10", asset('<hfield name="h" nrow="100000" ncol="100000" size="1 1 1 1"/>'), "bad.xml"),
+    (
+        "with a height field of 1e10",
+        asset('<hfield name="h" nrow="100000" ncol="100000" size="1 1 1 1"/>'),
+        "nrow x ncol",
+    ),
     (
         "with a texture of 1e10",
         asset('<texture name="t" type="2d" builtin="flat" width="100000" height="100000"/>'),
-        "bad.xml",
+        "width x height",
     ),
     ("with a sphere mesh of 1e9", asset('<mesh name="m" builtin="sphere" params="1000000"/>'), "bad.xml"),
     (
         "with 1e9 user numbers",
         mjcf('<size nuser_geom="1000000000"/><worldbody><geom size="1"/></worldbody>'),
-        "bad.xml",
+        "nuser_geom",
     ),
-    ("with 2e9 numbers of a user", mjcf('<size nuserdata="2000000000"/>'), "bad.xml"),
-    ("with 1e9 keys", mjcf('<size nkey="1000000000"/>'), "bad.xml"),
-    ("with a numeric of 1e9", mjcf('<custom><numeric name="n" size="1000000000" data="1"/></custom>'), "bad.xml"),
+    ("with 2e9 numbers of a user", mjcf('<size nuserdata="2000000000"/>'), "nuserdata"),
+    ("with 1e9 keys", mjcf('<size nkey="1000000000"/>'), "nkey"),
+    (
+        "with a numeric of 1e9",
+        mjcf('<custom><numeric name="n" size="1000000000" data="1"/></custom>'),
+        "<numeric>: size",
+    ),
     ("with a memory of 1000 T", mjcf('<size memory="1000T"/>'), "bad.xml"),
     ("with a stack of -5", mjcf('<size memory="-5"/>'), "bad.xml"),
     (
@@ -435,7 +447,7 @@ for name, text, words in (
             '<body><joint name="j"/><geom size="1"/></body>',
             '<actuator><position joint="j" delay="1" nsample="1000000000"/></actuator>',
         ),
-        "bad.xml",
+        "nsample",
     ),
 ):
     plain(f"MJCF {name}", text, words, file="bad.xml")
