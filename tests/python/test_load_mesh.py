@@ -3,6 +3,7 @@
 import itertools
 import struct
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -294,6 +295,19 @@ def test_flat_meshes_get_a_thickness_and_thinner_ones_are_refused():
 def test_a_wrong_unit_is_noticed():
     assert "millimetres" in mesh.convex_hull(CORNERS * 300.0).notes[0]
     assert "millimetres" in mesh.convex_hull(CORNERS * 1e-4).notes[0]
+
+
+def test_hull_triangles_without_area_wind_as_their_neighbours():
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0, 0]], dtype=float)  # the last on an edge
+    simplices = np.array([[0, 4, 2], [4, 1, 2], [0, 1, 3], [0, 4, 1], [0, 2, 3], [1, 2, 3]])  # the fourth: that edge
+    normals = np.array([[0, 0, -1], [0, 0, -1], [0, -1, 0], [0, -1, 0], [-1, 0, 0], [1, 1, 1]])
+    shared = [[len({*s} & {*t}) == 2 for t in simplices] for s in simplices]
+    neighbors = [np.flatnonzero(row) for row in shared]
+    for flips in itertools.product((1, -1), repeat=6):
+        turned = np.array([t[::flip] for t, flip in zip(simplices, flips, strict=True)])
+        hull = SimpleNamespace(vertices=range(5), simplices=turned, equations=normals, neighbors=neighbors)
+        vertices, triangles = mesh._wound(points, hull)
+        assert mesh.volume(mesh.Mesh(vertices, triangles.astype(np.int64))) == pytest.approx(1.0 / 6.0)
 
 
 # Boxes

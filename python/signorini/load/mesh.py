@@ -350,9 +350,22 @@ def _wound(points: Array, hull: object) -> tuple[Array, Triangles]:
     number = np.full(len(points), -1, dtype=np.int32)
     number[vertices] = np.arange(len(vertices), dtype=np.int32)
     a, b, c = (points[simplices[:, i]] for i in range(3))
-    inwards = (np.cross(b - a, c - a) * equations[:, :3]).sum(1) < 0.0
+    outwards = (np.cross(b - a, c - a) * equations[:, :3]).sum(1)
     triangles = number[simplices]
-    triangles[inwards] = triangles[inwards][:, ::-1]
+    triangles[outwards < 0.0] = triangles[outwards < 0.0][:, ::-1]
+    # Those without area, of points on a line, go by a neighbour: they pass the edge between them the other way.
+    unsure = np.abs(outwards) <= 1e-9 * np.abs(outwards).max()
+    while unsure.any():
+        left = unsure.sum()
+        for t in np.flatnonzero(unsure):
+            sure = [n for n in hull.neighbors[t] if not unsure[n]]  # type: ignore[attr-defined]
+            if sure:
+                (p, q, r), edges = triangles[t], triangles[sure[0]][[[0, 1], [1, 2], [2, 0]]].tolist()
+                if [p, q] in edges or [q, r] in edges or [r, p] in edges:
+                    triangles[t] = r, q, p
+                unsure[t] = False
+        if unsure.sum() == left:
+            break
     return np.ascontiguousarray(points[vertices]), np.ascontiguousarray(triangles)
 
 
