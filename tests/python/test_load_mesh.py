@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from signorini import Box, Convex, InvalidInputError, Joint, Material, Simulator, WorldBuilder
+from signorini import Box, Convex, InvalidInputError, Joint, Material, Simulator, Sphere, WorldBuilder, load
 from signorini.load import _pieces, mesh
 from signorini.load._placement import Placement, from_roll_pitch_yaw
 
@@ -554,3 +554,65 @@ def test_of_an_open_mesh_it_is_said(monkeypatch):
     first, second = mesh.hulls(mesh.Mesh(whole.points, whole.triangles[:-2]), split=True)  # no hull of a sliver
     assert "not closed" in first.notes[0]
     assert second.volume == pytest.approx(8.0 * HALF.prod())
+
+
+def write_obj(path, solid):
+    lines = [f"v {x} {y} {z}" for x, y, z in solid.points.tolist()]
+    path.write_text("\n".join(lines + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in solid.triangles.tolist()]))
+
+
+def cup(folder, format):
+    """A file of a cup, u_shape() upright and fixed."""
+    write_obj(folder / "u.obj", u_shape())
+    path = folder / f"robot.{format}"
+    if format == "urdf":
+        mesh_file = '<geometry><mesh filename="u.obj"/></geometry>'
+        upright = '<origin rpy="1.5707963267948966 0 0"/>'
+        path.write_text(f'<robot name="r"><link name="cup"><collision>{upright}{mesh_file}</collision></link></robot>')
+    else:
+        pytest.importorskip("mujoco")
+        geom = '<body name="cup"><geom name="cup" type="mesh" mesh="u" euler="90 0 0"/></body>'
+        path.write_text(f'<mujoco><asset><mesh name="u" file="u.obj"/></asset><worldbody>{geom}</worldbody></mujoco>')
+    return path
+
+
+@pytest.mark.parametrize("format", ["urdf", "xml"])
+def test_a_ball_falls_into_a_cup_that_is_decomposed(cache, tmp_path, format):
+    for decompose, height in ((False, 2.2), (["cu*"], 0.45)):
+        builder = WorldBuilder()
+        builder.add_body("ball", joints=[Joint("ball", "free")], position=(0, -0.25, 2.5), mass=1, inertia=np.eye(3))
+        builder.add_geometry("ball", Sphere(0.2))
+        world = load(cup(tmp_path, format), builder=builder, decompose=decompose)
+        names = [name for name in world.geometry_names if name.startswith("cup")]
+        assert names == (["cup"] if not decompose else [f"cup_{i}" for i in range(len(names))])
+        simulator = Simulator(world)
+        trace = simulator.run(1500)
+        assert trace.solved.all()
+        # On the hull's lid; or on the ground of the cup, to CoACD's precision.
+        assert simulator.state.q[2] == pytest.approx(height, abs=0.06 if decompose else 1e-4)
+
+
+def test_decompose_is_checked(tmp_path, cache):
+    with pytest.raises(InvalidInputError, match="decompose: is 'cap', no body of robot.urdf"):
+        load(cup(tmp_path, "urdf"), decompose="cap")
+    assert len(load(cup(tmp_path, "urdf"), decompose="cup", prefix="my/").geometries) > 1
+
+
+@pytest.mark.parametrize("format", ["urdf", "xml"])
+def test_what_hulls_add_is_said(tmp_path, format):
+    (warning,) = [w for w in load(cup(tmp_path, format)).warnings if "add more than 20%" in w]
+    volume = 0.5 * (2.0 * 2.0 - 1.5 * 1.75)
+    assert f"({2.0 / volume - 1.0:.0%})" in warning
+
+
+@pytest.mark.parametrize("format", ["urdf", "xml"])
+def test_a_box_as_the_mesh_of_a_file_is_a_box(tmp_path, format):
+    path = cup(tmp_path, format)
+    write_obj(tmp_path / "u.obj", mesh.Mesh(EIGHT + OFFSET, TRIANGLES))
+    world = load(path)
+    (geometry,) = world.geometries
+    assert geometry.shape.type.name == "box"
+    corners = (EIGHT / HALF * geometry.shape.size) @ geometry.placement.rotation.T + geometry.placement.translation
+    expected = (EIGHT + OFFSET) @ from_roll_pitch_yaw((np.pi / 2, 0, 0)).T
+    distance = np.linalg.norm(corners[:, None] - expected[None], axis=2)
+    assert distance.min(axis=0).max() < 1e-7
