@@ -161,6 +161,7 @@ def test_masses_out_of_proportion_are_a_problem(tmp_path):
     parts = [link(shape='<sphere radius="0.01"/>', mass="1e-4", inertia=tiny), link("heavy", mass="1e8")]
     result = checked(urdf(tmp_path, *parts, joint("heavy", "0 0 1", "revolute")), "--floating", status=1)
     assert "mass matrix" in result["problems"][0]
+    assert 'mostly on "root_joint"' in result["problems"][0]
     assert result["mass_matrix_condition"] is None or result["mass_matrix_condition"] > 1e10
 
 

@@ -1,7 +1,12 @@
 """Files that are wrong: each is refused in bounded time, with the file and the element named."""
 
+import importlib.util
+import json
+import subprocess
+import sys
 import time
 
+import malformed_corpus
 import pytest
 from recording_builder import RecordingBuilder
 
@@ -206,7 +211,6 @@ def test_a_long_chain_is_read_in_bounded_time(tmp_path):
 
 MJCF = {  # what MuJoCo's compiler refuses is told with the file
     "broken": ("<mujoco><worldbody></mujoco>", ["XML"]),
-    "recursive include": ('<mujoco><include file="bad.xml"/></mujoco>', ["already included"]),
     "missing include": ('<mujoco><include file="nope.xml"/></mujoco>', ["nope.xml"]),
     "missing mesh": ('<mujoco><asset><mesh name="m" file="nope.stl"/></asset></mujoco>', ["nope.stl"]),
     "negative mass": (
@@ -231,3 +235,48 @@ def test_malformed_mjcf(tmp_path, monkeypatch, text, words):
     message = refused(path)
     for word in words:
         assert word in message
+
+
+@pytest.fixture(scope="module")
+def outcomes(tmp_path_factory):
+    """What came of each file of the corpus."""
+    command = [sys.executable, malformed_corpus.__file__, str(tmp_path_factory.mktemp("corpus"))]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return {line["name"]: line for line in map(json.loads, done.stdout.splitlines())}
+
+
+CASES = list(malformed_corpus.CASES)
+
+
+@pytest.mark.parametrize("name", CASES, ids=[f"{i} of {len(CASES)}, {name}" for i, name in enumerate(CASES, 1)])
+def test_malformed_corpus(outcomes, name):
+    if name.startswith("MJCF") and importlib.util.find_spec("mujoco") is None:
+        pytest.skip("needs mujoco")
+    result = outcomes[name]
+    assert result["outcome"] == "InvalidInputError", result
+    for word in (result["file"], *malformed_corpus.CASES[name][1]):
+        assert word in result["message"]
+    assert result["length"] < 3000
+    assert result["seconds"] < 5.0  # of the processor; the longest takes 2
+
+
+def test_a_good_mjcf_of_many_files_is_let_through(tmp_path):
+    pytest.importorskip("mujoco")
+    (tmp_path / "part").mkdir()
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "t.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+    )
+    (tmp_path / "part" / "bad.xml").write_text(
+        '<mujoco><worldbody><body name="p"><geom size="1"/></body></worldbody></mujoco>'
+    )
+    (tmp_path / "more.xml").write_text('<mujocoinclude><compiler meshdir="meshes"/></mujocoinclude>')
+    path = tmp_path / "bad.xml"
+    path.write_text("""<mujoco><include file="more.xml"/> <!-- -- a line that XML has not -- -->
+        <asset><model name="m" file="part/bad.xml"/><mesh name="t" file="t.obj"/></asset>
+        <worldbody><attach model="m" body="p" prefix="a/"/><geom type="mesh" mesh="t"/>
+        <replicate count="3" offset="1 0 0"><geom size="0.1"/></replicate></worldbody></mujoco>""")
+    builder = RecordingBuilder()
+    add_file(builder, path)
+    assert len(builder.geometries) == 5
+    assert list(builder.bodies) == ["a/p"]

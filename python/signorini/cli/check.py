@@ -85,9 +85,13 @@ def inspect(loaded: Loaded, ground: bool = False) -> dict[str, Any]:
     ]
     problems += [f'"{o["a"]}" and "{o["b"]}" overlap by {1e3 * o["overlap_m"]:.3g} mm at the start' for o in overlaps]
     simulator = signorini.Simulator(world, time_step=DT)
-    condition = _condition(simulator.mass_matrix)
+    condition, weakest = _condition(simulator.mass_matrix)
     if not condition < CONDITION:
-        problems.append(f"the mass matrix has condition {condition:.1e}: masses or inertias out of all proportion")
+        named = {joint.name for joint in world.joints for v in weakest if 0 <= v - joint.v_index < joint.num_v}
+        problems.append(
+            f"the mass matrix has condition {condition:.1e}: masses or inertias out of all proportion, mostly on "
+            + ", ".join(f'"{name}"' for name in sorted(named))
+        )
     simulator.step()
     first = _first_step(simulator)
     if first["status"] != "solved":
@@ -168,13 +172,16 @@ def _hull(geometry: Any, hull: Any) -> dict[str, Any]:
     }
 
 
-def _condition(matrix: Array) -> float:
-    """Of a mass matrix with its units taken out: ones on the diagonal."""
+def _condition(matrix: Array) -> tuple[float, list[int]]:
+    """Of a mass matrix with its units taken out: ones on the diagonal; and the velocities with most of a part in the
+    motion that meets the least inertia."""
     if not len(matrix):
-        return 1.0
+        return 1.0, []
     scale = 1.0 / np.sqrt(np.diag(matrix))
-    values = np.linalg.eigvalsh(matrix * scale * scale[:, None])
-    return float(values[-1] / values[0]) if values[0] > 0.0 else math.inf
+    values, vectors = np.linalg.eigh(matrix * scale * scale[:, None])
+    parts = np.abs(vectors[:, 0])
+    condition = float(values[-1] / values[0]) if values[0] > 0.0 else math.inf
+    return condition, np.flatnonzero(parts > 0.5 * parts.max()).tolist()
 
 
 def _first_step(simulator: signorini.Simulator) -> dict[str, Any]:

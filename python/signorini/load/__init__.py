@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +37,7 @@ __all__ = ["Added", "add_file", "exclude_overlapping_pairs", "file_format", "loa
 
 Format = Literal["urdf", "mjcf", "sdf"]
 PathLike = str | os.PathLike[str]
+Result = TypeVar("Result")
 GRAVITY = (0.0, 0.0, -9.81)
 
 
@@ -131,7 +132,7 @@ def assemble(
     if builder is None:
         from signorini._world import WorldBuilder
 
-        builder = WorldBuilder(source.gravity or GRAVITY if gravity is None else gravity)
+        builder = _named(path, lambda: WorldBuilder(source.gravity or GRAVITY if gravity is None else gravity))
     elif gravity is not None:
         raise InvalidInputError("gravity: must not be given together with a builder, which has its own")
     added = _add(builder, source, options, self_collision, srdf)
@@ -139,19 +140,19 @@ def assemble(
         builder.add_ground(ground_material, 0.0 if ground is True else float(ground))
     if exclude_overlapping is None:
         exclude_overlapping = format != "mjcf"
-    world = _build(builder, path)
+    world = _named(path, builder.build)
     if exclude_overlapping is not False:
         configurations = [world.initial_q]
         if callable(exclude_overlapping):
             configurations.append(np.asarray(exclude_overlapping(world), dtype=np.float64))
         if exclude_overlapping_pairs(builder, world, [added], configurations):
-            world = _build(builder, path)
+            world = _named(path, builder.build)
     if ground == "touching":
         height = lowest_point(world)
         if height is None:
             builder.warn(f"{path.name}: has nothing that collides, so the ground touches nothing; it is at z = 0")
         builder.add_ground(ground_material, height or 0.0)
-        world = _build(builder, path)
+        world = _named(path, builder.build)
     return Loaded(world, builder, added)
 
 
@@ -357,8 +358,9 @@ def _add(
     return added
 
 
-def _build(builder: WorldBuilder, path: Path) -> World:
+def _named(path: Path, function: Callable[[], Result]) -> Result:
+    """What the builder refuses, with the file."""
     try:
-        return builder.build()
+        return function()
     except InvalidInputError as error:
         raise InvalidInputError(f"{path}: {error}") from None

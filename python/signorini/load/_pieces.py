@@ -23,8 +23,8 @@ from signorini._core import InvalidInputError
 
 Array = npt.NDArray[np.float64]
 
-#: CoACD's concavity, as a share of the mesh's size, up to which a piece is left as it is; and its seed.
-THRESHOLD, SEED = 0.05, 0
+#: CoACD's concavity, as a share of the mesh's size, up to which a piece is left as it is; most pieces; seed.
+THRESHOLD, PIECES, SEED = 0.05, 32, 0
 TIMEOUT = 600.0  # [s]
 MAX_TRIANGLES = 500_000
 
@@ -34,7 +34,7 @@ import numpy as np, coacd
 given = np.load(sys.argv[1])
 coacd.set_log_level("error")
 mesh = coacd.Mesh(given["points"], given["triangles"])
-pieces = coacd.run_coacd(mesh, threshold=float(sys.argv[3]), seed=int(sys.argv[4]))
+pieces = coacd.run_coacd(mesh, threshold=float(sys.argv[3]), max_convex_hull=int(sys.argv[4]), seed=int(sys.argv[5]))
 np.savez(sys.argv[2], sizes=[len(p[0]) for p in pieces], points=np.concatenate([p[0] for p in pieces]))
 """
 
@@ -69,7 +69,7 @@ def _decomposed(points: Array, triangles: npt.NDArray[np.int32]) -> list[Array]:
     with tempfile.TemporaryDirectory() as folder:
         given, answer = os.path.join(folder, "mesh.npz"), os.path.join(folder, "pieces.npz")
         np.savez(given, points=points, triangles=triangles)
-        command = [sys.executable, "-c", _WORKER, given, answer, str(THRESHOLD), str(SEED)]
+        command = [sys.executable, "-c", _WORKER, given, answer, str(THRESHOLD), str(PIECES), str(SEED)]
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
         try:
             done = subprocess.run(
@@ -89,7 +89,7 @@ def _cache(points: Array, triangles: npt.NDArray[np.int32]) -> Path:
     """The file that holds the pieces of this mesh, if anything does."""
     folder = os.environ.get("XDG_CACHE_HOME", "")
     root = Path(folder) if os.path.isabs(folder) else Path("~/.cache").expanduser()
-    key = hashlib.sha256(f"{version('coacd')} {THRESHOLD} {SEED} {points.shape}".encode())
+    key = hashlib.sha256(f"{version('coacd')} {THRESHOLD} {PIECES} {SEED} {points.shape}".encode())
     key.update(np.ascontiguousarray(points).tobytes())
     key.update(triangles.tobytes())
     return root / "signorini" / "pieces" / f"{key.hexdigest()[:32]}.npz"

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from signorini._core import InvalidInputError
-from signorini.load import _mjcf_drives, mesh
+from signorini.load import _mjcf_drives, _mjcf_scan, mesh
 from signorini.load._options import Added, Options, Warnings
 from signorini.load._placement import Placement, from_quaternion
 
@@ -69,9 +69,10 @@ def read(path: Path) -> Mjcf:
         raise ImportError(f"{path}: MJCF is compiled by MuJoCo: pip install signorini[mjcf] ({error})") from None
     if not path.is_file():
         raise InvalidInputError(f"{path}: there is no such file")
+    _mjcf_scan.scan(path)
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
-    except (ValueError, mujoco.FatalError) as error:
+    except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise InvalidInputError(f"{path}: {' '.join(str(error).split())}") from None
     return Mjcf(path, mujoco, model)
 
