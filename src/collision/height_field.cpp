@@ -33,6 +33,8 @@ struct Triangle {
   }
 };
 
+using Inside = std::array<double, 3>;
+
 struct Grid {
   const HeightGrid& samples;
   double step_x, step_y;
@@ -80,6 +82,18 @@ struct Grid {
     if (!(row >= 0 && column >= 0 && row + 1 < samples.rows && column + 1 < samples.columns)) return false;
     other = triangle(row, column, 1 - t.side);
     return true;
+  }
+  /// Where a point lies along three axes, each from an edge (as `neighbour` counts them) to the corner across it or
+  /// beyond: from 0 to 1 inside.
+  Inside inside(const Triangle& t, const Vector3& point) const {
+    const double u = (point[0] + samples.half_x) / step_x - t.column, v = (point[1] + samples.half_y) / step_y - t.row;
+    if (t.side == 0) return {v, 1.0 - u, u - v};
+    return {1.0 - v, u, v - u};
+  }
+  /// Horizontal, from edge k out to a point with such a value.
+  double distance(int k, double inside) const {
+    const double height = k == 0 ? step_y : k == 1 ? step_x : step_x * step_y / std::hypot(step_x, step_y);
+    return std::abs(inside) * height;
   }
   Triangle under(const Vector3& point) const {
     const int row = row_of(point[1]), column = column_of(point[0]);
@@ -217,13 +231,10 @@ struct FieldContacts::Query {
     half_space_against(plane, b, place, margin, hint, patch);
   }
 
-  /// Whether the point on the plane of a triangle is in the triangle; or past the bottom of a valley, but hidden there
-  /// by the other side of it.
+  /// Whether the point on the plane of a triangle is in the triangle; or past the bottom of a valley, but about to
+  /// reach it, or hidden there by the other side of it.
   bool over(const Triangle& t, const SurfacePair& point, const Vector3& core) const {
-    const double u = (point.on_a[0] + grid.samples.half_x) / grid.step_x - t.column;
-    const double v = (point.on_a[1] + grid.samples.half_y) / grid.step_y - t.row;
-    const double forward = t.side == 0 ? 1.0 : -1.0;
-    const double inside[] = {t.side == 0 ? v : 1.0 - v, t.side == 0 ? 1.0 - u : u, forward * (u - v)};
+    const Inside inside = grid.inside(t, point.on_a);
     for (int k = 0; k < 3; ++k) {
       Triangle other;
       Vector3 across;
@@ -240,8 +251,12 @@ struct FieldContacts::Query {
         if (turn > 0.0 && b.rounding == 0.0 &&
             (gap > point.gap + 1e-12 || (gap > point.gap - 1e-12 && other.precedes(t))))
           return false;
-      } else if (!(turn < 0.0 && core_height < 0.0 && t.height(core) <= -core_height)) {
-        return false;
+      } else {
+        if (!(turn < 0.0)) return false;
+        const Inside past = grid.inside(other, point.on_a);
+        const bool near = grid.distance(k, inside[k]) <= margin && past[0] >= 0.0 && past[1] >= 0.0 && past[2] >= 0.0;
+        if (!near && !(core_height < 0.0 && t.height(core) <= -core_height && depth_below_surface(core) > 0.0))
+          return false;
       }
     }
     return true;
