@@ -13,6 +13,7 @@ namespace {
 constexpr double kFlat = 1e-5;        // [rad] triangles that turn less are one plane
 constexpr double kConeSlack = 1e-3;   // [rad] a patch on a face reaches to the edges of the face
 constexpr double kRoundSlack = 1e-8;  // the same for shapes that touch in one point
+constexpr double kSamePlane = 1e-10;  // [rad], [m]
 constexpr double kOnEdge = 1e-10;     // of a cell
 constexpr double kSamePoint = 1e-5;   // relative to the size of the other shape
 constexpr double kSameCosine = 1.0 - 1e-6;
@@ -205,7 +206,7 @@ struct FieldContacts::Query {
   }
 
   void face(const Triangle& t) {
-    if (!(last_known && t.normal == last.normal && std::abs(t.height(last.origin)) <= 1e-15)) {
+    if (!(last_known && (t.normal - last.normal).norm() < kSamePlane && std::abs(t.height(last.origin)) < kSamePlane)) {
       half_space(t.normal, t.origin);
       last = t, last_known = true;
     }
@@ -313,14 +314,9 @@ struct FieldContacts::Query {
   void around(int row, int column, Around& out) const {
     static constexpr int kSteps[6][2] = {{0, 1}, {1, 1}, {1, 0}, {0, -1}, {-1, -1}, {-1, 0}};
     const Vector3 here = grid.vertex(row, column);
-    bool border = false;
-    for (const auto& [up, right] : kSteps) {
-      if (grid.has(row + up, column + right))
-        out.add(grid.vertex(row + up, column + right) - here);
-      else
-        border = true;
-    }
-    if (border) out.add(-Vector3::UnitZ());
+    for (const auto& [up, right] : kSteps)
+      if (grid.has(row + up, column + right)) out.add(grid.vertex(row + up, column + right) - here);
+    out.add(-Vector3::UnitZ());
   }
 
   bool out_of_reach(const Edge& edge) const {
