@@ -25,19 +25,6 @@ BOOST_AUTO_TEST_CASE(a_warm_step_allocates_nothing) {
 #endif
 }
 
-BOOST_AUTO_TEST_CASE(a_warm_step_on_a_height_field_allocates_nothing) {
-#if SIGNORINI_COUNTS_ALLOCATIONS
-  Simulator simulator(world_on_a_height_field());
-  for (int k = 0; k < 1500; ++k) simulator.step();
-  const long before = allocations;
-  for (int k = 0; k < 200; ++k) simulator.step();
-  BOOST_TEST(allocations - before == 0);
-  BOOST_TEST(simulator.report().num_contacts > 16);
-#else
-  BOOST_TEST_MESSAGE("not counted: a sanitizer has malloc");
-#endif
-}
-
 BOOST_AUTO_TEST_CASE(a_warm_inverse_step_allocates_nothing) {
 #if SIGNORINI_COUNTS_ALLOCATIONS
   const auto world = busy_world();

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <cmath>
 #include <memory>
 #include <string>
 
@@ -87,49 +86,6 @@ inline std::shared_ptr<const World> busy_world() {
   drive.kp = 20.0;
   drive.kv = 1.0;
   builder.add_actuator(drive);
-  return builder.build();
-}
-
-/// One body of each kind, thrown into a bowl of bumps; they go on sliding and rolling about in it.
-inline std::shared_ptr<const World> world_on_a_height_field() {
-  WorldBuilder builder;
-  HeightGrid grid;
-  grid.rows = grid.columns = 41;
-  for (int r = 0; r < 41; ++r)
-    for (int c = 0; c < 41; ++c) {
-      const double x = c / 20.0 - 1.0, y = r / 20.0 - 1.0;
-      grid.heights.push_back(0.4 * (x * x + y * y) + 0.02 * std::sin(13.0 * x) * std::sin(11.0 * y));
-    }
-  Geometry ground;
-  ground.shape = Shape::height_field(grid);
-  builder.add_geometry(ground);
-  ConvexMesh wedge;
-  wedge.vertices = {{-0.1, -0.1, -0.05}, {0.1, -0.1, -0.05}, {0.0, 0.1, -0.05}, {0.0, 0.0, 0.1}};
-  wedge.triangles = {{{0, 2, 1}}, {{0, 1, 3}}, {{1, 2, 3}}, {{2, 0, 3}}};
-  const Shape shapes[] = {
-      Shape::sphere(0.08),          Shape::capsule(0.05, 0.1),           Shape::cylinder(0.08, 0.05),
-      Shape::convex(wedge),         Shape::ellipsoid({0.1, 0.07, 0.05}), Shape::box({0.1, 0.08, 0.03}),
-      Shape::box({0.03, 0.2, 0.03})};
-  Material material;
-  material.friction = 0.1;
-  int k = 0;
-  for (const Shape& shape : shapes) {
-    Body body;
-    body.name = "body" + std::to_string(k);
-    body.placement.translation = {0.6 * std::cos(0.9 * k), 0.6 * std::sin(0.9 * k), 0.5};
-    body.mass = 1.0;
-    body.inertia = Vector3(4e-3, 5e-3, 6e-3).asDiagonal();
-    Joint joint;
-    joint.name = body.name;
-    joint.type = JointType::Free;
-    body.joints.push_back(joint);
-    Geometry geometry;
-    geometry.body = builder.add_body(body);
-    geometry.shape = shape;
-    geometry.material = material;
-    builder.add_geometry(geometry);
-    ++k;
-  }
   return builder.build();
 }
 
