@@ -21,7 +21,7 @@ from signorini.load._options import Added, Options, Warnings
 from signorini.load._placement import Placement, from_quaternion
 
 if TYPE_CHECKING:
-    from signorini._world import Joint, Material, Shape, World, WorldBuilder
+    from signorini._world import HeightField, Joint, Material, Shape, World, WorldBuilder
 
 Array = npt.NDArray[np.float64]
 Result = TypeVar("Result")
@@ -289,7 +289,7 @@ class _Adder:
             vertices = np.asarray(model.mesh_vert[first : first + count], dtype=np.float64)
             shape = TriangleMesh(vertices, np.asarray(model.mesh_face[face : face + faces], dtype=np.int32))
         elif model.geom_type[geom] == mj.mjtGeom.mjGEOM_HFIELD:
-            return
+            shape = self._height_field(geom)
         else:
             shape = self._shape(geom)
         if shape is None:
@@ -343,9 +343,21 @@ class _Adder:
             for note in hull.notes:
                 self._warnings.add("meshes", f"of {name} {note}")
             return _world.Convex(hull.vertices, hull.triangles)
-        label = {int(types.mjGEOM_HFIELD): "height fields", int(types.mjGEOM_SDF): "signed distance fields"}
+        if kind == types.mjGEOM_HFIELD and model.body_weldid[model.geom_bodyid[geom]] == 0:
+            return self._height_field(geom)
+        label = {int(types.mjGEOM_HFIELD): "height fields that move", int(types.mjGEOM_SDF): "signed distance fields"}
         self._warnings.add(f"{label.get(int(kind), f'geoms of type {int(kind)}')} do not collide", name)
         return None
+
+    def _height_field(self, geom: int) -> HeightField:
+        """MuJoCo keeps heights from 0 to 1, and their scale in the third size."""
+        from signorini._world import HeightField
+
+        model, number = self._model, int(self._model.geom_dataid[geom])
+        rows, columns, first = (int(of[number]) for of in (model.hfield_nrow, model.hfield_ncol, model.hfield_adr))
+        x, y, top, base = (float(size) for size in model.hfield_size[number])
+        heights = np.asarray(model.hfield_data[first : first + rows * columns], dtype=np.float64)
+        return HeightField(top * heights.reshape(rows, columns), (x, y), base)
 
     # Actuators
 
