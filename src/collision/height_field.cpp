@@ -18,6 +18,7 @@ constexpr double kOnEdge = 1e-10;     // of a cell
 constexpr double kSamePoint = 1e-5;   // relative to the size of the other shape
 constexpr double kSameCosine = 1.0 - 1e-6;
 constexpr double kTouching = 1e-9;  // relative to the size of the other shape: depths below this are rounding
+constexpr double kFar = std::numeric_limits<double>::infinity();
 constexpr double kGapWeight = 10.0;
 constexpr std::size_t kMostCandidates = 128, kKeptCandidates = 32;
 
@@ -150,10 +151,10 @@ struct FieldContacts::Query {
   std::vector<SurfacePair>& candidates;
 
   const double touching, same_point;
-  const bool round;              // touches any plane in one point
-  bool beside = false;           // the centre of b lies beside the field, so that its walls count
-  Vector3 centre, lower, upper;  // of b
-  Triangle last;                 // the plane that `patch` was found with
+  const bool round;                    // touches any plane in one point
+  bool beside = false, under = false;  // where the centre of b is: the walls and the bottom count then only
+  Vector3 centre, lower, upper;        // of b
+  Triangle last;                       // the plane that `patch` was found with
   bool last_known = false;
   Manifold patch;
 
@@ -175,6 +176,7 @@ struct FieldContacts::Query {
     const Vector3 reach = place.rotation.cwiseAbs() * b.half_extents;
     lower = centre - reach - Vector3::Constant(margin), upper = centre + reach + Vector3::Constant(margin);
     beside = std::abs(centre[0]) > its_grid.half_x || std::abs(centre[1]) > its_grid.half_y;
+    under = centre[2] < -its_grid.base;
   }
 
   bool run() {
@@ -184,7 +186,7 @@ struct FieldContacts::Query {
     for (int row = grid.row_of(lower[1]), last_row = grid.row_of(upper[1]); row <= last_row; ++row)
       for (int column = first; column <= last_column; ++column)
         for (int side = 0; side < 2; ++side) visit(row, column, side);
-    if (beside || centre[2] < -g.base) walls();
+    if (beside || under) walls();
     return true;
   }
 
@@ -263,21 +265,26 @@ struct FieldContacts::Query {
     return true;
   }
 
-  /// How far below the surface above it, or the nearer of the walls, a point is; negative outside.
+  /// How far below the surface above it a point is; negative outside.
   double depth_below_surface(const Vector3& point) const {
     const HeightGrid& g = grid.samples;
     const double wall = std::min(g.half_x - std::abs(point[0]), g.half_y - std::abs(point[1]));
     if (wall < -touching) return wall;
+    if (under && point[2] < -g.base - touching) return point[2] + g.base;
     return -grid.under(point).height(point);
   }
+  /// How deep a point is below the walls, or the bottom, if b can have come through them.
+  double depth_below_walls(const Vector3& point) const {
+    const HeightGrid& g = grid.samples;
+    return beside ? std::min(g.half_x - std::abs(point[0]), g.half_y - std::abs(point[1])) : kFar;
+  }
+  double depth_below_bottom(const Vector3& point) const { return under ? point[2] + grid.samples.base : kFar; }
 
   /// False if a core that reaches below the plane of a triangle is in the air, or nearer to another way out.
   bool nearest_exit(const Triangle& t, const Vector3& core) const {
     const double depth = -t.height(core);
-    if (depth <= touching) return true;
-    if (depth_below_surface(core) < 0.5 * depth - touching) return false;
-    const HeightGrid& g = grid.samples;
-    return !beside || depth <= std::min(g.half_x - std::abs(core[0]), g.half_y - std::abs(core[1])) + touching;
+    return depth <= touching || (depth_below_surface(core) >= 0.5 * depth - touching &&
+                                 depth <= std::min(depth_below_walls(core), depth_below_bottom(core)) + touching);
   }
 
   // Edges
@@ -386,7 +393,10 @@ struct FieldContacts::Query {
           const SurfacePair& point = patch.points[k];
           const Vector3& at = point.on_a;
           if (!(std::abs(at[other]) <= half[other] && at[2] >= -g.base)) continue;
-          if (grid.under(at).height(at) <= 0.0) add(point);
+          if (grid.under(at).height(at) > 0.0) continue;
+          const Vector3 core = point.on_b + b.rounding * normal;
+          const double depth = -point.gap - b.rounding;
+          if (depth <= touching || (depth < depth_below_surface(core) && depth <= depth_below_bottom(core))) add(point);
         }
         const Vector3 corner = origin + bottom, to_corner = half[other] * Vector3::Unit(other);
         Edge edge{corner - to_corner, corner + to_corner, {}, {}, {}};
@@ -407,16 +417,20 @@ struct FieldContacts::Query {
         edge.at_from.add(Vector3::UnitZ()), edge.at_to.add(down);
         if (!out_of_reach(edge)) touch(edge);
       }
-    if (centre[2] >= -g.base) return;
+    if (!under) return;
     half_space(down, bottom);
-    for (int k = 0; k < patch.count; ++k)
-      if ((patch.points[k].on_a.cwiseAbs().head<2>().array() <= half.head<2>().array()).all()) add(patch.points[k]);
+    for (int k = 0; k < patch.count; ++k) {
+      const SurfacePair& point = patch.points[k];
+      if (!((point.on_a.cwiseAbs().head<2>().array() <= half.head<2>().array()).all())) continue;
+      const Vector3 core = point.on_b + b.rounding * down;
+      const double depth = -point.gap - b.rounding;
+      if (depth <= touching || (depth < depth_below_surface(core) && depth < depth_below_walls(core))) add(point);
+    }
   }
 
   /// Where b is in the solid and nothing of the above tells, as it can be deep below a rough surface.
   void rescue() {
-    const HeightGrid& g = grid.samples;
-    if (beside || centre[2] < -g.base) return;
+    if (beside || under) return;
     for (const SurfacePair& point : candidates)
       if (point.gap < 0.0) return;
     const Vector3 low =
@@ -448,9 +462,9 @@ struct FieldContacts::Query {
     const double least = candidates.front().gap;
     for (std::size_t kept = 1; kept < most; ++kept) {
       std::size_t best = kept;
-      double most_value = -std::numeric_limits<double>::infinity();
+      double most_value = -kFar;
       for (std::size_t k = kept; k < candidates.size(); ++k) {
-        double apart = std::numeric_limits<double>::infinity();
+        double apart = kFar;
         for (std::size_t i = 0; i < kept; ++i)
           apart = std::min(apart, (candidates[k].on_b - candidates[i].on_b).norm() +
                                       b.radius * (candidates[k].normal - candidates[i].normal).norm());

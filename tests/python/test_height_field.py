@@ -118,7 +118,6 @@ def test_a_sphere_runs_down_a_slope(friction, share):
         inertia=0.4 * radius**2 * np.eye(3),
     )
     simulator.step(1000)
-    assert np.linalg.norm(simulator.energy.kinetic) > 0.0
     travelled = simulator.state.q[:3] - start
     fall = (np.cos(angle), 0.0, -np.sin(angle))
     # Semi-implicit Euler: half a step further than a t^2 / 2.
@@ -164,8 +163,7 @@ def test_rough_ground_holds_fifty_bodies(seed):
             assert simulator.energy.total <= energy + 1e-6
             energy = simulator.energy.total
             deepest = min([deepest, *(contact.distance for contact in simulator.contacts)])
-    # As deep as a step's fall between two detections of an edge at 3 m/s at most, as a rule far less.
-    assert deepest > -1.5e-3
+    assert deepest > -1e-3
     q, v = simulator.state.q.reshape(50, 7), simulator.state.v.reshape(50, 6)
     assert np.abs(q[:, :2]).max() < 2.0 and q[:, 2].min() > -0.25
     # Spheres and other round things go on rolling about; with flat sides, they lie still.
@@ -224,10 +222,9 @@ def test_a_field_has_rows_along_y_and_columns_along_x():
     heights = np.zeros((3, 5))
     heights[2, 1] = 0.2  # y = 1, x = -1
     field = HeightField(heights, (2.0, 1.0))
-    high = on(field, Sphere(0.01), (-1.0, 1.0, 0.215), np.zeros(6))
-    assert [c.distance for c in high.contacts] == [] or True
+    high = on(field, Sphere(0.01), (-1.0, 1.0, 0.213), np.zeros(6))
     high.step()
-    assert min(c.distance for c in high.contacts) == pytest.approx(0.005, abs=2e-5)
+    assert min(c.distance for c in high.contacts) == pytest.approx(0.003, abs=2e-5)
     low = on(field, Sphere(0.01), (1.0, -0.9, 0.215), np.zeros(6))
     low.step()
     assert low.contacts == []
