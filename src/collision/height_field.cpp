@@ -11,7 +11,7 @@ namespace signorini {
 namespace {
 
 constexpr double kFlat = 1e-5;        // [rad] triangles that turn less are one plane
-constexpr double kConeSlack = 1e-3;   // [rad] a patch on a face reaches to the edges of the face
+constexpr double kConeSlack = 0.05;   // [rad] a patch on a face reaches to the edges of the face
 constexpr double kRoundSlack = 1e-8;  // the same for shapes that touch in one point
 constexpr double kSamePlane = 1e-10;  // [rad], [m]
 constexpr double kOnEdge = 1e-10;     // of a cell
@@ -157,6 +157,10 @@ struct FieldContacts::Query {
   Triangle last;                       // the plane that `patch` was found with
   bool last_known = false;
   Manifold patch;
+  enum Where { Outside, JustPast, Over };
+  static constexpr int kMostSpare = 8;
+  std::array<SurfacePair, kMostSpare> spare;  // points just past the edge of a ridge
+  int spare_count = 0;
 
   Query(FieldContacts& owner, const HeightGrid& its_grid, const Solid& its_b, const Placement& its_place,
         double its_margin, ConvexPair& its_pair, int& its_hint)
@@ -186,6 +190,12 @@ struct FieldContacts::Query {
     for (int row = grid.row_of(lower[1]), last_row = grid.row_of(upper[1]); row <= last_row; ++row)
       for (int column = first; column <= last_column; ++column)
         for (int side = 0; side < 2; ++side) visit(row, column, side);
+    for (int k = 0; k < spare_count; ++k) {
+      const auto same = [&](const SurfacePair& point) {
+        return (point.on_b - spare[k].on_b).squaredNorm() < same_point * same_point;
+      };
+      if (std::none_of(candidates.begin(), candidates.end(), same)) add(spare[k]);
+    }
     if (beside || under) walls();
     return true;
   }
@@ -222,7 +232,12 @@ struct FieldContacts::Query {
       const SurfacePair& point = patch.points[k];
       if (!holds && point.gap > 0.5 * lowest.gap) continue;
       const Vector3 core = point.on_b + b.rounding * t.normal;
-      if (over(t, point, core) && nearest_exit(t, core)) add(point);
+      const Where where = over(t, point, core);
+      if (where == Outside || !nearest_exit(t, core)) continue;
+      if (where == Over)
+        add(point);
+      else if (spare_count < kMostSpare)
+        spare[spare_count++] = point;
     }
   }
 
@@ -235,34 +250,37 @@ struct FieldContacts::Query {
   }
 
   /// Whether the point on the plane of a triangle is in the triangle; or past the bottom of a valley, but about to
-  /// reach it, or hidden there by the other side of it.
-  bool over(const Triangle& t, const SurfacePair& point, const Vector3& core) const {
+  /// reach it, or hidden there by the other side of it. JustPast: over the edge of a ridge by less than its depth. Seen
+  /// from the ridge it has come in from the side, so it counts where nothing else holds it.
+  Where over(const Triangle& t, const SurfacePair& point, const Vector3& core) const {
     const Inside inside = grid.inside(t, point.on_a);
+    Where where = Over;
     for (int k = 0; k < 3; ++k) {
       Triangle other;
       Vector3 across;
       const bool within = inside[k] >= -kOnEdge;
       if (within && round) continue;
-      if (!grid.neighbour(t, k, other, across)) {
-        if (within) continue;
-        return false;
-      }
-      const double turn = ridge(t, other, across), core_height = other.height(core);
+      const bool inner = grid.neighbour(t, k, other, across);
+      if (within && !inner) continue;
+      const double turn = inner ? ridge(t, other, across) : 1.0;
       if (within) {
         // A sharp corner below both sides of a ridge goes back out of the one it is less below.
         const double gap = other.height(point.on_b);
         if (turn > 0.0 && b.rounding == 0.0 &&
             (gap > point.gap + 1e-12 || (gap > point.gap - 1e-12 && other.precedes(t))))
-          return false;
+          return Outside;
+      } else if (turn >= 0.0) {
+        if (b.rounding > 0.0 || grid.distance(k, inside[k]) > -point.gap) return Outside;
+        where = JustPast;
       } else {
-        if (!(turn < 0.0)) return false;
         const Inside past = grid.inside(other, point.on_a);
+        const double core_height = other.height(core);
         const bool near = grid.distance(k, inside[k]) <= margin && past[0] >= 0.0 && past[1] >= 0.0 && past[2] >= 0.0;
         if (!near && !(core_height < 0.0 && t.height(core) <= -core_height && depth_below_surface(core) > 0.0))
-          return false;
+          return Outside;
       }
     }
-    return true;
+    return where;
   }
 
   /// How far below the surface above it a point is; negative outside.
@@ -437,9 +455,8 @@ struct FieldContacts::Query {
         place * b.support(place.rotation.transpose() * -Vector3::UnitZ(), hint) - b.rounding * Vector3::UnitZ();
     if (!(depth_below_surface(low) > touching)) return;
     const Triangle t = grid.under(low);
-    half_space(t.normal, t.origin);
-    for (int k = 0; k < patch.count; ++k)
-      if (patch.points[k].gap < 0.0) add(patch.points[k]);
+    const double gap = t.height(low);
+    add({low - gap * t.normal, low, t.normal, gap});
   }
 
   // Choice
