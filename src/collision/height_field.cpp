@@ -19,6 +19,7 @@ constexpr double kSamePoint = 1e-5;   // relative to the size of the other shape
 constexpr double kSameCosine = 1.0 - 1e-6;
 constexpr double kTouching = 1e-9;  // relative to the size of the other shape: depths below this are rounding
 constexpr double kFar = std::numeric_limits<double>::infinity();
+constexpr double kFarPast = 4.0;  // of the depth
 constexpr double kGapWeight = 10.0;
 constexpr std::size_t kMostCandidates = 128, kKeptCandidates = 32;
 
@@ -84,6 +85,20 @@ struct Grid {
     if (!(row >= 0 && column >= 0 && row + 1 < samples.rows && column + 1 < samples.columns)) return false;
     other = triangle(row, column, 1 - t.side);
     return true;
+  }
+  /// Whether edge k of a triangle may be a ridge: if not, it is a plane or a valley, whatever rounding did. Each edge
+  /// is looked at from one of its triangles.
+  bool may_be_ridge(const Triangle& t, int k) const {
+    const int row = t.row, column = t.column;
+    const double a = height(row, column), c = height(row + 1, column + 1);
+    if (k == 2) return t.side == 0 && a + c > height(row, column + 1) + height(row + 1, column);
+    if (k == 0) return t.side == 0 && row > 0 && a - height(row - 1, column) > c - height(row, column + 1);
+    return t.side == 1 && column > 0 && a - height(row, column - 1) > c - height(row + 1, column);
+  }
+  bool at_border(const Triangle& t, int k) const {
+    if (k == 0) return t.side == 0 ? t.row == 0 : t.row + 2 == samples.rows;
+    if (k == 1) return t.side == 0 ? t.column + 2 == samples.columns : t.column == 0;
+    return false;
   }
   /// Where a point lies along three axes, each from an edge (as `neighbour` counts them) to the corner across it or
   /// beyond: from 0 to 1 inside.
@@ -189,7 +204,8 @@ struct FieldContacts::Query {
     const int first = grid.column_of(lower[0]), last_column = grid.column_of(upper[0]);
     for (int row = grid.row_of(lower[1]), last_row = grid.row_of(upper[1]); row <= last_row; ++row)
       for (int column = first; column <= last_column; ++column)
-        for (int side = 0; side < 2; ++side) visit(row, column, side);
+        if (ball_reaches(row, column))
+          for (int side = 0; side < 2; ++side) visit(row, column, side);
     for (int k = 0; k < spare_count; ++k) {
       const auto same = [&](const SurfacePair& point) {
         return (point.on_b - spare[k].on_b).squaredNorm() < same_point * same_point;
@@ -201,6 +217,15 @@ struct FieldContacts::Query {
   }
 
   // Faces
+
+  /// Whether a cell, seen from above, comes into the ball around b.
+  bool ball_reaches(int row, int column) const {
+    const double x = centre[0] + grid.samples.half_x - (column + 0.5) * grid.step_x;
+    const double y = centre[1] + grid.samples.half_y - (row + 0.5) * grid.step_y;
+    const double beyond_x = std::max(std::abs(x) - 0.5 * grid.step_x, 0.0);
+    const double beyond_y = std::max(std::abs(y) - 0.5 * grid.step_y, 0.0), reach = b.radius + margin;
+    return beyond_x * beyond_x + beyond_y * beyond_y <= reach * reach;
+  }
 
   void visit(int row, int column, int side) {
     const double top = std::max({grid.height(row, column), grid.height(row + 1, column + 1),
@@ -255,6 +280,10 @@ struct FieldContacts::Query {
   Where over(const Triangle& t, const SurfacePair& point, const Vector3& core) const {
     const Inside inside = grid.inside(t, point.on_a);
     Where where = Over;
+    // Far past an edge: only valleys that hide the point from a shape deep in the solid let it count.
+    const double slack = margin + kFarPast * std::max(0.0, -point.gap);
+    for (int k = 0; k < 3; ++k)
+      if (inside[k] < 0.0 && grid.distance(k, inside[k]) > slack) return Outside;
     for (int k = 0; k < 3; ++k) {
       Triangle other;
       Vector3 across;
@@ -311,28 +340,29 @@ struct FieldContacts::Query {
     for (int k = 0; k < 3; ++k) {
       Triangle other;
       Vector3 across;
-      const bool inner = grid.neighbour(t, k, other, across);
-      // Each edge once: from the triangle on the far side of it, the diagonal from the near one.
-      if (inner && (k == 2 ? t.side == 1 : k == 0 ? t.side == 1 : t.side == 0)) continue;
-      if (inner && (ridge(t, other, across) <= 0.0 || gap_to_plane(other) > margin)) continue;
+      const bool inner = !grid.at_border(t, k);
+      if (inner && !grid.may_be_ridge(t, k)) continue;
       int row = t.row, column = t.column, to_row = t.row + 1, to_column = t.column + 1;
       if (k == 0) (t.side == 0 ? to_row : row) = t.side == 0 ? t.row : t.row + 1;
       if (k == 1) (t.side == 0 ? column : to_column) = t.side == 0 ? t.column + 1 : t.column;
       Edge edge{grid.vertex(row, column), grid.vertex(to_row, to_column), {}, {}, {}};
       if (out_of_reach(edge)) continue;
+      grid.neighbour(t, k, other, across);
+      if (inner && (ridge(t, other, across) <= 0.0 || gap_to_plane(other) > margin)) continue;
       const Vector3 along = edge.to - edge.from;
       const auto into = [&](const Triangle& triangle, const Vector3& toward) {
         const Vector3 direction = along.cross(triangle.normal);
         edge.inside.add(direction.dot(toward) < 0.0 ? Vector3(-direction) : direction);
       };
-      into(t, -across);
-      if (inner)
-        into(other, across);
-      else
-        edge.inside.add(-Vector3::UnitZ());
-      around(row, column, edge.at_from);
-      around(to_row, to_column, edge.at_to);
-      touch(edge);
+      touch(edge, [&] {
+        into(t, -across);
+        if (inner)
+          into(other, across);
+        else
+          edge.inside.add(-Vector3::UnitZ());
+        around(row, column, edge.at_from);
+        around(to_row, to_column, edge.at_to);
+      });
     }
   }
 
@@ -351,7 +381,9 @@ struct FieldContacts::Query {
     return (from.cwiseMin(to).array() > reach.array()).any() || (from.cwiseMax(to).array() < -reach.array()).any();
   }
 
-  void touch(const Edge& edge) {
+  /// Contacts with an edge; `fill` completes it if there are any.
+  template <typename Fill>
+  void touch(const Edge& edge, const Fill& fill) {
     const Vector3 span = edge.to - edge.from;
     const double length = span.norm();
     const Vector3 along = span / length;
@@ -381,6 +413,8 @@ struct FieldContacts::Query {
         hint = memory.hint_b;
       }
     }
+    if (found.count == 0) return;
+    fill();
     // The points of a patch share a normal; whether the edge has it is decided where it is deepest.
     int deepest = 0;
     for (int k = 1; k < found.count; ++k)
@@ -421,7 +455,7 @@ struct FieldContacts::Query {
         edge.inside.add(-normal), edge.inside.add(Vector3::UnitZ());
         edge.at_from = edge.at_to = edge.inside;
         edge.at_from.add(to_corner), edge.at_to.add(-to_corner);
-        if (!out_of_reach(edge)) touch(edge);
+        if (!out_of_reach(edge)) touch(edge, [] {});
       }
     for (const double x : {1.0, -1.0})
       for (const double y : {1.0, -1.0}) {
@@ -433,7 +467,7 @@ struct FieldContacts::Query {
         edge.inside.add(-x * Vector3::UnitX()), edge.inside.add(-y * Vector3::UnitY());
         edge.at_from = edge.at_to = edge.inside;
         edge.at_from.add(Vector3::UnitZ()), edge.at_to.add(down);
-        if (!out_of_reach(edge)) touch(edge);
+        if (!out_of_reach(edge)) touch(edge, [] {});
       }
     if (!under) return;
     half_space(down, bottom);
