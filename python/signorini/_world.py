@@ -84,10 +84,10 @@ class Convex:
 class HeightField:
     """Ground with the given heights over the rectangle [-x, x] x [-y, y]; it has to be fixed to the world.
 
-    heights: (rows, columns) [m], each at least 2 and at most 4096: rows along y from -y to y, columns along x from -x to
-    x, as MuJoCo has them. Between four samples the surface is two triangles, which meet in the diagonal from
-    (row, column) to (row + 1, column + 1). half_extents: (x, y) [m]. base: solid from z = -base up to the surface [m];
-    the heights have to be above -base.
+    heights: (rows, columns) [m], each at least 2 and at most 4096, all above -base. Rows along y from -y to y, columns
+    along x from -x to x, as MuJoCo has them. Between four samples the surface is two triangles, which meet in the
+    diagonal from (row, column) to (row + 1, column + 1). half_extents: (x, y) [m]. base: solid from z = -base up to the
+    surface [m].
     """
 
     heights: Array

@@ -164,7 +164,8 @@ def test_rough_ground_holds_fifty_bodies():
             deepest = min([deepest, *(contact.distance for contact in simulator.contacts)])
     assert deepest > -1e-3
     q, v = simulator.state.q.reshape(50, 7), simulator.state.v.reshape(50, 6)
-    assert np.abs(q[:, :2]).max() < 2.0 and q[:, 2].min() > -0.25
+    assert np.abs(q[:, :2]).max() < 2.0
+    assert q[:, 2].min() > -0.25
     # Spheres and other round things go on rolling about; with flat sides, they lie still.
     edged = [k for k in range(50) if k % 6 in (1, 5)]
     assert np.median(np.abs(v[edged]).max(axis=1)) < 1e-4
@@ -232,14 +233,14 @@ def test_a_field_has_rows_along_y_and_columns_along_x():
 def test_bad_fields_are_refused():
     good = HeightField(np.zeros((3, 4)), (1.0, 1.0))
     bad = {
-        "rows": dict(heights=np.zeros((1, 4))),
-        "columns": dict(heights=np.zeros((2, 5000))),
-        "heights": dict(heights=np.zeros(4)),
-        r"heights\[1\]": dict(heights=np.array([[0.0, np.nan], [0.0, 0.0]])),
-        r"heights\[2\]": dict(heights=np.array([[0.0, 0.0], [-1.5, 0.0]])),
-        "half_extents": dict(half_extents=(1.0, 1.0, 1.0)),
-        "half_x": dict(half_extents=(0.0, 1.0)),
-        "base": dict(base=0.0),
+        "rows": {"heights": np.zeros((1, 4))},
+        "columns": {"heights": np.zeros((2, 5000))},
+        "heights": {"heights": np.zeros(4)},
+        r"heights\[1\]": {"heights": np.array([[0.0, np.nan], [0.0, 0.0]])},
+        r"heights\[2\]": {"heights": np.array([[0.0, 0.0], [-1.5, 0.0]])},
+        "half_extents": {"half_extents": (1.0, 1.0, 1.0)},
+        "half_x": {"half_extents": (0.0, 1.0)},
+        "base": {"base": 0.0},
     }
     for field, change in bad.items():
         with pytest.raises(InvalidInputError, match=field):
@@ -286,7 +287,7 @@ def test_a_field_of_an_mjcf_file_is_that_of_mujoco(tmp_path):
     model = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    ground = [d for d in drawables(world) if d.body == 0 and d.collision][0]
+    ground = next(d for d in drawables(world) if d.body == 0 and d.collision)
     rng = np.random.default_rng(0)
     hits = 0
     for _ in range(200):
@@ -319,4 +320,5 @@ def test_a_field_is_drawn_closed_and_outwards():
         above = x * y * (first / 3.0 + last / 6.0).sum()
         volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0
         assert volume == pytest.approx(above + 2.0 * 4.0 * 0.5, rel=1e-12)
-        assert not drawn.smooth and not drawn.flat
+        assert not drawn.smooth
+        assert not drawn.flat

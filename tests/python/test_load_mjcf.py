@@ -254,9 +254,10 @@ def test_equalities_meet_at_the_start(tmp_path):
 def test_what_is_not_carried_over_is_listed(tmp_path):
     text = """<mujoco><option viscosity="1"><flag limit="disable"/></option>
     <asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/></asset>
-    <worldbody><geom name="hill" type="hfield" hfield="h"/><light/><camera/><site/>
+    <worldbody><light/><camera/><site/>
       <geom name="floor" type="plane" size="1 1 1" friction="0.5"/>
       <body name="b" gravcomp="1"><freejoint/>
+        <geom name="hill" type="hfield" hfield="h"/>
         <geom name="g" size="1" condim="6" solref="0.1 1" priority="2" margin="0.1"/>
         <body name="c"><joint name="j" type="ball" range="0 1" limited="true"/><geom name="h" size="1"/></body></body>
       <body name="m" mocap="true"><geom name="k" size="1" contype="0" conaffinity="0"/></body>
@@ -266,7 +267,7 @@ def test_what_is_not_carried_over_is_listed(tmp_path):
     told = "\n".join(builder.warnings)
     for words in (
         "gravity compensation of bodies: b",
-        "height fields do not collide: hill",
+        "height fields that move do not collide: hill",
         "mocap bodies do not move: m",
         "limits of ball joints: j",
         "condim (contacts have 3 dimensions) of geoms: g",
