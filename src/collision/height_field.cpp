@@ -40,10 +40,16 @@ using Inside = std::array<double, 3>;
 
 struct Grid {
   const HeightGrid& samples;
-  double step_x, step_y;
+  double step_x, step_y, per_x, per_y;  // and their inverses
+  Inside across;                        // horizontal, from an edge to the corner across it
 
   explicit Grid(const HeightGrid& grid)
-      : samples(grid), step_x(2.0 * grid.half_x / (grid.columns - 1)), step_y(2.0 * grid.half_y / (grid.rows - 1)) {}
+      : samples(grid),
+        step_x(2.0 * grid.half_x / (grid.columns - 1)),
+        step_y(2.0 * grid.half_y / (grid.rows - 1)),
+        per_x(1.0 / step_x),
+        per_y(1.0 / step_y),
+        across{step_y, step_x, step_x * step_y / std::hypot(step_x, step_y)} {}
 
   double height(int row, int column) const {
     return samples.heights[static_cast<std::size_t>(row) * static_cast<std::size_t>(samples.columns) +
@@ -63,24 +69,24 @@ struct Grid {
     const double corner = side == 0 ? height(row, column + 1) : height(row + 1, column);
     Triangle t;
     t.row = row, t.column = column, t.side = side, t.origin = vertex(row, column);
-    t.slope_x = (side == 0 ? corner - start : end - corner) / step_x;
-    t.slope_y = (side == 0 ? end - corner : corner - start) / step_y;
+    t.slope_x = (side == 0 ? corner - start : end - corner) * per_x;
+    t.slope_y = (side == 0 ? end - corner : corner - start) * per_y;
     t.normal = Vector3(-t.slope_x, -t.slope_y, 1.0).normalized();
     return t;
   }
   /// What lies across edge k of a triangle: 0 the side along x, 1 that along y, 2 the diagonal; false at the border.
-  /// `across`: horizontal, unit, from one to the other.
-  bool neighbour(const Triangle& t, int k, Triangle& other, Vector3& across) const {
+  /// `out`: horizontal, unit, from one to the other.
+  bool neighbour(const Triangle& t, int k, Triangle& other, Vector3& out) const {
     const double forward = t.side == 0 ? 1.0 : -1.0;
     int row = t.row, column = t.column;
     if (k == 0) {
-      across = {0.0, -forward, 0.0};
+      out = {0.0, -forward, 0.0};
       row -= t.side == 0 ? 1 : -1;
     } else if (k == 1) {
-      across = {forward, 0.0, 0.0};
+      out = {forward, 0.0, 0.0};
       column += t.side == 0 ? 1 : -1;
     } else {
-      across = forward * Vector3(-step_y, step_x, 0.0).normalized();
+      out = forward * Vector3(-step_y, step_x, 0.0).normalized();
     }
     if (!(row >= 0 && column >= 0 && row + 1 < samples.rows && column + 1 < samples.columns)) return false;
     other = triangle(row, column, 1 - t.side);
@@ -103,18 +109,15 @@ struct Grid {
   /// Where a point lies along three axes, each from an edge (as `neighbour` counts them) to the corner across it or
   /// beyond: from 0 to 1 inside.
   Inside inside(const Triangle& t, const Vector3& point) const {
-    const double u = (point[0] + samples.half_x) / step_x - t.column, v = (point[1] + samples.half_y) / step_y - t.row;
+    const double u = (point[0] + samples.half_x) * per_x - t.column, v = (point[1] + samples.half_y) * per_y - t.row;
     if (t.side == 0) return {v, 1.0 - u, u - v};
     return {1.0 - v, u, v - u};
   }
   /// Horizontal, from edge k out to a point with such a value.
-  double distance(int k, double inside) const {
-    const double height = k == 0 ? step_y : k == 1 ? step_x : step_x * step_y / std::hypot(step_x, step_y);
-    return std::abs(inside) * height;
-  }
+  double distance(int k, double inside) const { return std::abs(inside) * across[k]; }
   Triangle under(const Vector3& point) const {
     const int row = row_of(point[1]), column = column_of(point[0]);
-    const double u = (point[0] + samples.half_x) / step_x - column, v = (point[1] + samples.half_y) / step_y - row;
+    const double u = (point[0] + samples.half_x) * per_x - column, v = (point[1] + samples.half_y) * per_y - row;
     return triangle(row, column, u >= v ? 0 : 1);
   }
 
