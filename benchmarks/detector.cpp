@@ -41,6 +41,26 @@ void pair(const char* name, const Shape& a, const Shape& b, const Placement& pla
   std::printf("%-44s %8.0f ns   %zu points\n", name, time, points);
 }
 
+/// On a height field of 200 x 200 cells of 5 cm, at the place where `pair` would put it on a half space of the height
+/// there; deep enough to touch.
+void on_field(const char* name, double roughness, const Shape& b, const Placement& place_b) {
+  HeightGrid grid;
+  grid.rows = grid.columns = 201;
+  grid.half_x = grid.half_y = 5.0;
+  Dice dice(9);
+  for (int k = 0; k < 201 * 201; ++k)
+    grid.heights.push_back(roughness > 0.0 ? dice.uniform(-roughness, roughness) : 0.0);
+  Two two(Shape::height_field(grid), b);
+  Placement place = place_b;
+  place.translation += Vector3(0.013, 0.021, 0.2);
+  while (two.detect({}, place).empty() || least_distance(two.detector.points()) > -1e-4) place.translation[2] -= 5e-5;
+  std::vector<Placement> places(64, place);
+  for (Placement& p : places) p.rotation *= turn(1e-4, dice.direction()), p.translation += dice.vector(1e-4);
+  std::size_t points = 0;
+  const double time = best_nanoseconds(500, [&](int k) { points = two.detect({}, places[k % 64]).size(); });
+  std::printf("%-44s %8.0f ns   %zu points\n", name, time, points);
+}
+
 void scene(const char* name, int count, double spacing, bool by_filter, int tree_from) {
   std::vector<CollisionGeometry> geometries{{Shape::half_space(), 0, {}}};
   std::vector<Placement> frames(1);
@@ -98,6 +118,16 @@ int main() {
   pair("cylinder - cylinder, crossed", cylinder, cylinder, lying, crossed);
   pair("ellipsoid - ellipsoid", egg, egg, at_origin, tilted);
   pair("hull of 992 - hull of 992", hull, hull, at_origin, tilted);
+  on_field("flat height field - sphere", 0.0, ball, at_origin);
+  on_field("flat height field - box on a face", 0.0, box, at_origin);
+  on_field("flat height field - cylinder standing", 0.0, cylinder, at_origin);
+  on_field("flat height field - hull of 992 vertices", 0.0, hull, tilted);
+  on_field("rough height field - sphere", 0.01, ball, at_origin);
+  on_field("rough height field - box on a face", 0.01, box, at_origin);
+  on_field("rough height field - capsule", 0.01, capsule, lying);
+  on_field("rough height field - cylinder standing", 0.01, cylinder, at_origin);
+  on_field("rough height field - ellipsoid", 0.01, egg, tilted);
+  on_field("rough height field - hull of 992 vertices", 0.01, hull, tilted);
   scene("20 balls apart, list of all pairs", 20, 0.3, false, 40);
   scene("20 balls apart, tree", 20, 0.3, true, 0);
   scene("40 balls apart, list of all pairs", 40, 0.3, false, 1000);

@@ -8,6 +8,7 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cstring>
 #include <memory>
@@ -45,6 +46,17 @@ Shape convex(Values vertices, Triangles triangles) {
   return Shape::convex(std::move(mesh));
 }
 
+Shape height_field(nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu> heights, double half_x,
+                   double half_y, double base) {
+  HeightGrid grid;
+  // Of more, the shape says which counts it takes.
+  grid.rows = static_cast<int>(std::min<std::size_t>(heights.shape(0), 1 << 20));
+  grid.columns = static_cast<int>(std::min<std::size_t>(heights.shape(1), 1 << 20));
+  grid.half_x = half_x, grid.half_y = half_y, grid.base = base;
+  grid.heights.assign(heights.data(), heights.data() + heights.size());
+  return Shape::height_field(std::move(grid));
+}
+
 void bind_model(nb::module_& m) {
   nb::enum_<JointType>(m, "JointType")
       .value("free", JointType::Free)
@@ -58,7 +70,8 @@ void bind_model(nb::module_& m) {
       .value("cylinder", ShapeType::Cylinder)
       .value("ellipsoid", ShapeType::Ellipsoid)
       .value("half_space", ShapeType::HalfSpace)
-      .value("convex", ShapeType::Convex);
+      .value("convex", ShapeType::Convex)
+      .value("height_field", ShapeType::HeightField);
   nb::enum_<ConstraintType>(m, "ConstraintType")
       .value("connect", ConstraintType::Connect)
       .value("weld", ConstraintType::Weld)
@@ -93,6 +106,7 @@ void bind_model(nb::module_& m) {
       .def_static("ellipsoid", &Shape::ellipsoid)
       .def_static("half_space", &Shape::half_space)
       .def_static("convex", &convex)
+      .def_static("height_field", &height_field)
       .def_ro("type", &Shape::type)
       .def_ro("size", &Shape::size)
       .def_prop_ro("vertices",
@@ -104,6 +118,18 @@ void bind_model(nb::module_& m) {
                          out.row(i) = self.mesh->vertices[static_cast<std::size_t>(i)].transpose();
                      }
                      return out;
+                   })
+      .def_prop_ro("heights",
+                   [](const Shape& self) {
+                     Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> out;
+                     if (const auto& grid = self.height_grid)
+                       out = Eigen::Map<const decltype(out)>(grid->heights.data(), grid->rows, grid->columns);
+                     return out;
+                   })
+      .def_prop_ro("field_size",
+                   [](const Shape& self) {
+                     const auto& grid = self.height_grid;
+                     return grid ? Vector3(grid->half_x, grid->half_y, grid->base) : Vector3(Vector3::Zero());
                    })
       .def_prop_ro("triangles", [](const Shape& self) {
         Eigen::Matrix<int, Eigen::Dynamic, 3, Eigen::RowMajor> out(0, 3);

@@ -85,7 +85,22 @@ class Convex:
     triangles: NDArray[np.int32]
 
 
-Shape = Sphere | Box | Capsule | Cylinder | Ellipsoid | HalfSpace | Convex
+@dataclass(frozen=True, eq=False)
+class HeightField:
+    """Ground with the given heights over the rectangle [-x, x] x [-y, y]; it has to be fixed to the world.
+
+    heights: (rows, columns) [m], each at least 2 and at most 4096, all above -base. Rows along y from -y to y, columns
+    along x from -x to x, as MuJoCo has them. Between four samples the surface is two triangles, which meet in the
+    diagonal from (row, column) to (row + 1, column + 1). half_extents: (x, y) [m]. base: solid from z = -base up to the
+    surface [m].
+    """
+
+    heights: Array
+    half_extents: tuple[float, float]
+    base: float = 1.0
+
+
+Shape = Sphere | Box | Capsule | Cylinder | Ellipsoid | HalfSpace | Convex | HeightField
 
 JointType = Literal["free", "ball", "revolute", "prismatic"]
 
@@ -191,8 +206,14 @@ def _core_shape(shape: Shape) -> Any:
                 if array.ndim != 2 or array.shape[1] != 3:
                     raise InvalidInputError(f"{field}: has shape {array.shape}, must be n x 3")
             return make.convex(vertices, triangles)
+        case HeightField():
+            heights = np.ascontiguousarray(shape.heights, dtype=np.float64)
+            if heights.ndim != 2:
+                raise InvalidInputError(f"heights: has shape {heights.shape}, must be rows x columns")
+            half_x, half_y = _vector(shape.half_extents, 2, "half_extents")
+            return make.height_field(heights, half_x, half_y, float(shape.base))
     raise InvalidInputError(
-        f"shape: is {shape!r}, must be a Sphere, Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Convex"
+        f"shape: is {shape!r}, must be a Sphere, Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Convex, HeightField"
     )
 
 

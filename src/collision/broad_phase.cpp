@@ -55,7 +55,7 @@ PairRule::PairRule(const std::vector<CollisionGeometry>& geometries, const Colli
   mask_.resize(geometries.size(), filter.mask.empty() ? ~0u : 0u);
   for (const CollisionGeometry& geometry : geometries) {
     frame_.push_back(geometry.frame);
-    half_space_.push_back(geometry.shape.type == ShapeType::HalfSpace);
+    ground_.push_back(is_ground(geometry.shape.type));
   }
   excluded_ = ordered(filter.excluded, count, "filter.excluded");
   excluded_frames_ = ordered(filter.excluded_frames, -1, "filter.excluded_frames");
@@ -64,7 +64,7 @@ PairRule::PairRule(const std::vector<CollisionGeometry>& geometries, const Colli
 
 bool PairRule::allows(int a, int b) const {
   if (listed_) return std::binary_search(partners_.begin() + begin_[a], partners_.begin() + begin_[a + 1], b);
-  if (frame_[a] == frame_[b] || (half_space_[a] && half_space_[b])) return false;
+  if (frame_[a] == frame_[b] || (ground_[a] && ground_[b])) return false;
   if (contains(included_, a, b)) return true;
   return ((group_[a] & mask_[b]) != 0 || (group_[b] & mask_[a]) != 0) && !contains(excluded_, a, b) &&
          !contains(excluded_frames_, frame_[a], frame_[b]);

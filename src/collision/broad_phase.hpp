@@ -33,7 +33,7 @@ class PairRule {
   std::vector<int> begin_, partners_;  // of a list: partners b > a of each a
   std::vector<std::uint32_t> group_, mask_;
   std::vector<int> frame_;
-  std::vector<char> half_space_;
+  std::vector<char> ground_;
   std::vector<std::pair<int, int>> excluded_, excluded_frames_, included_;  // sorted, smaller first
 };
 

@@ -192,6 +192,7 @@ void half_space_against(const Placement& half_space, const Solid& b, const Place
     case ShapeType::Convex:
       return plane_hull(plane, b, place_b, hint);
     case ShapeType::HalfSpace:
+    case ShapeType::HeightField:
       return;
   }
 }

@@ -125,19 +125,22 @@ struct ConvexPair::Search {
     propose(start, kind);
   }
 
+  /// Polishes as long as that separates more.
+  void search_from(const Vector3& direction) {
+    const double length = direction.norm();
+    if (!(length > 1e-12 && length < kInfinity)) return;
+    const double before = best.separation;
+    polish(direction / length, Axis::CornerOfA);
+    for (int k = 0; k < 8 && best.separation > before; ++k) {
+      const double last = best.separation;
+      polish(Vector3(best.normal), Axis::CornerOfA);
+      if (!(best.separation > last)) break;
+    }
+  }
+
   /// Where GJK and EPA give nothing to start from: many starts.
   void search_everywhere(const Vector3& guess) {
-    const auto from = [&](const Vector3& direction) {
-      const double length = direction.norm();
-      if (!(length > 1e-12 && length < kInfinity)) return;
-      const double before = best.separation;
-      polish(direction / length, Axis::CornerOfA);
-      for (int k = 0; k < 8 && best.separation > before; ++k) {
-        const double last = best.separation;
-        polish(Vector3(best.normal), Axis::CornerOfA);
-        if (!(best.separation > last)) break;
-      }
-    };
+    const auto from = [&](const Vector3& direction) { search_from(direction); };
     from(-guess);
     from(difference.rotation * difference.b->centre + difference.translation - difference.a->centre);
     for (int axis = 0; axis < 3; ++axis)
@@ -156,7 +159,7 @@ struct ConvexPair::Search {
   }
 
   /// False if the cores are more than `reach` apart.
-  bool run(double reach, PairMemory& memory) {
+  bool run(double reach, PairMemory& memory, const Vector3* likely) {
     best = Axis();
     const Vector3 guess = memory.guess;
     const ClosestSearch::Outcome outcome = closest_search.run(difference, reach, scale, memory);
@@ -164,7 +167,12 @@ struct ConvexPair::Search {
     hint_a = memory.hint_a, hint_b = memory.hint_b;
     if (outcome == ClosestSearch::Found) polish(closest_search.normal, Axis::Searched, closest_search.farthest);
     // EPA can lose its way where the cores just touch, and then reports a depth along some other side.
-    if (outcome == ClosestSearch::Failed || best.separation < -kDeep * scale) search_everywhere(guess);
+    if (outcome == ClosestSearch::Failed || best.separation < -kDeep * scale) {
+      if (likely)
+        search_from(*likely);
+      else
+        search_everywhere(guess);
+    }
     if (!(best.separation > -kInfinity)) return false;
     // Not shorter than this: GJK would take it for the origin.
     memory.guess = -std::max(std::abs(best.separation), 1e-3 * scale) * best.normal;
@@ -212,12 +220,14 @@ ConvexPair::ConvexPair() : search_(std::make_unique<Search>()) {}
 ConvexPair::~ConvexPair() = default;
 
 void ConvexPair::collide(const Solid& a, const Placement& place_a, const Solid& b, const Placement& place_b,
-                         double margin, PairMemory& memory, Manifold& out) {
+                         double margin, PairMemory& memory, Manifold& out, const Vector3* likely) {
   out.count = 0;
   Search& search = *search_;
   search.difference.set(a, place_a, b, place_b);
   search.scale = std::min(a.radius, b.radius);
-  if (!search.run(margin + a.rounding + b.rounding, memory)) return;
+  Vector3 likely_in_a;
+  if (likely) likely_in_a = place_a.rotation.transpose() * *likely;
+  if (!search.run(margin + a.rounding + b.rounding, memory, likely ? &likely_in_a : nullptr)) return;
 
   SurfacePair deepest = search.closest();
   deepest.on_a = place_a * deepest.on_a;

@@ -103,8 +103,8 @@ void check_pairs(const std::vector<CollisionGeometry>& geometries, const std::ve
     if (a < 0 || b < 0 || a >= count || b >= count)
       throw InvalidInput(field, is + "must be in [0, " + std::to_string(count - 1) + "]");
     if (a >= b) throw InvalidInput(field, is + "the first must be less than the second");
-    if (geometries[a].shape.type == ShapeType::HalfSpace && geometries[b].shape.type == ShapeType::HalfSpace)
-      throw InvalidInput(field, is + "must not be two half spaces");
+    if (is_ground(geometries[a].shape.type) && is_ground(geometries[b].shape.type))
+      throw InvalidInput(field, is + "must not be two half spaces or height fields");
   }
 }
 

@@ -147,7 +147,7 @@ void complete_frame(const Vector3& normal, Vector3& first, Vector3& second) {
 void reduce(const Candidates& candidates, double tolerance, Manifold& out) {
   out.count = 0;
   const int count = candidates.count;
-  if (count <= Manifold::kMost) {
+  if (count <= Manifold::kPatch) {
     for (int k = 0; k < count; ++k) out.add(candidates.points[k]);
     return;
   }
@@ -166,7 +166,7 @@ void reduce(const Candidates& candidates, double tolerance, Manifold& out) {
   };
   // Ties are wide where they are about where, not how deep: the eighth part of a rim is far more than that.
   const double slack = 1e-3 * extent;
-  std::array<int, 4> kept;
+  std::array<int, Manifold::kPatch> kept;
   kept[0] = best([&](int k) { return -candidates.points[k].gap; }, tolerance).first;
   const Vector3 first = place(kept[0]);
   kept[1] = best([&](int k) { return (place(k) - first).norm(); }, slack).first;

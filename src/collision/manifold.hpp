@@ -15,7 +15,8 @@ struct SurfacePair {
 
 /// The contact of one pair of shapes.
 struct Manifold {
-  static constexpr int kMost = 4;
+  static constexpr int kMost = 8;   // on a height field
+  static constexpr int kPatch = 4;  // of two convex shapes
   int count = 0;
   std::array<SurfacePair, kMost> points;
 

@@ -33,6 +33,11 @@ void NarrowPhase::collide(const Solid& a, const Placement& place_a, const Solid&
   } else if (b.type == ShapeType::HalfSpace) {
     half_space_against(place_b, a, place_a, margin, memory.hint_a, out);
     out.swap_sides();
+  } else if (a.type == ShapeType::HeightField) {
+    field_contacts_.collide(*a.height_grid, place_a, b, place_b, margin, convex_pair_, memory.hint_b, out);
+  } else if (b.type == ShapeType::HeightField) {
+    field_contacts_.collide(*b.height_grid, place_b, a, place_a, margin, convex_pair_, memory.hint_a, out);
+    out.swap_sides();
   } else if (a.type == ShapeType::Sphere && sphere_has_a_formula(b.type)) {
     sphere_against(a.size[0], place_a.translation, b, place_b, margin, out);
   } else if (b.type == ShapeType::Sphere && sphere_has_a_formula(a.type)) {

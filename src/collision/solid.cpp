@@ -111,7 +111,7 @@ void hull_feature(const Hull& hull, const Vector3& direction, int vertex, double
 }  // namespace
 
 Solid::Solid(const Shape& shape, std::shared_ptr<const Hull> its_hull)
-    : type(shape.type), size(shape.size), hull(std::move(its_hull)) {
+    : type(shape.type), size(shape.size), hull(std::move(its_hull)), height_grid(shape.height_grid) {
   switch (type) {
     case ShapeType::Sphere:
       rounding = size[0];
@@ -138,6 +138,14 @@ Solid::Solid(const Shape& shape, std::shared_ptr<const Hull> its_hull)
       for (const Vector3& v : hull->vertices) radius = std::max(radius, (v - centre).norm());
       return;
     }
+    case ShapeType::HeightField: {
+      const auto& heights = height_grid->heights;
+      const double top = *std::max_element(heights.begin(), heights.end());
+      centre[2] = 0.5 * (top - height_grid->base);
+      half_extents << height_grid->half_x, height_grid->half_y, 0.5 * (top + height_grid->base);
+      radius = half_extents.norm();
+      return;
+    }
   }
   radius = shape.bounding_radius();
 }
@@ -146,6 +154,7 @@ Vector3 Solid::support(const Vector3& direction, int& hint) const {
   switch (type) {
     case ShapeType::Sphere:
     case ShapeType::HalfSpace:
+    case ShapeType::HeightField:
       break;
     case ShapeType::Box:
       return {sign(direction[0]) * size[0], sign(direction[1]) * size[1], sign(direction[2]) * size[2]};
@@ -244,6 +253,7 @@ void Solid::feature(const Vector3& direction, int hint, double face_cosine, Feat
     case ShapeType::Sphere:
     case ShapeType::Ellipsoid:
     case ShapeType::HalfSpace:
+    case ShapeType::HeightField:
       break;
   }
   out.add(support(direction, hint) + rounding * direction);

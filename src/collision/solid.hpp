@@ -11,6 +11,9 @@ namespace signorini {
 /// -1 or 1.
 inline double sign(double x) { return x < 0.0 ? -1.0 : 1.0; }
 
+/// What other shapes can touch, but not another of its kind.
+inline bool is_ground(ShapeType type) { return type == ShapeType::HalfSpace || type == ShapeType::HeightField; }
+
 /// A piece of a surface: a point, a segment (of a capsule: the axis, with the radius in `rounding`), or a flat convex
 /// polygon.
 struct Feature {
@@ -25,12 +28,13 @@ struct Feature {
 
 /// A shape ready for queries: a core (a point for a sphere, a segment for a capsule, else the shape itself) swept by a
 /// ball of radius `rounding`, so that round shapes are polyhedra to whoever looks for closest points. All in the
-/// shape's own frame; directions are unit vectors. A half space has bounds only.
+/// shape's own frame; directions are unit vectors. A half space and a height field have no core.
 struct Solid {
   ShapeType type;
   Vector3 size;
   double rounding = 0.0;
   std::shared_ptr<const Hull> hull;
+  std::shared_ptr<const HeightGrid> height_grid;
   Vector3 centre = Vector3::Zero(), half_extents = Vector3::Zero();  ///< of a box that holds the shape
   double radius = 0.0;                                               ///< of a ball about `centre` that does
 

@@ -177,9 +177,12 @@ int WorldBuilder::add_geometry(Geometry geometry) {
   require_placement(geometry.placement, field);
   geometry.shape.validate(field.c_str());
   geometry.material.validate(field.c_str());
-  if (geometry.shape.type == ShapeType::HalfSpace && geometry.body != 0) {
+  const bool half_space = geometry.shape.type == ShapeType::HalfSpace;
+  if (half_space || geometry.shape.type == ShapeType::HeightField) {
     for (int b = geometry.body; b != 0; b = bodies_[b].parent)
-      if (!bodies_[b].joints.empty()) throw InvalidInput(field, "is a half space, must be fixed to the world");
+      if (!bodies_[b].joints.empty())
+        throw InvalidInput(field, std::string("is a ") + (half_space ? "half space" : "height field") +
+                                      ", must be fixed to the world");
   }
   geometries_.push_back(std::move(geometry));
   return index;

@@ -226,9 +226,10 @@ def test_equalities_meet_at_the_start(tmp_path):
 
 def test_what_is_not_carried_over_is_listed(tmp_path):
     text = """<mujoco><option viscosity="1"><flag limit="disable"/></option>
+    <asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/></asset>
     <worldbody><light/><camera/><site name="s"/>
       <geom name="floor" type="plane" size="1 1 1" friction="0.5"/>
-      <body name="b"><freejoint/>
+      <body name="b"><freejoint/><geom name="hill" type="hfield" hfield="h"/>
         <geom name="g" size="1" condim="6" margin="0.1"/><site name="t" pos="1 0 0"/>
         <body name="c"><joint name="j" type="ball" stiffness="1"/><geom name="h" size="1"/></body></body>
       <body name="m" mocap="true"><geom name="k" size="1" contype="0" conaffinity="0"/></body>
@@ -239,6 +240,7 @@ def test_what_is_not_carried_over_is_listed(tmp_path):
     builder = read(tmp_path, text)
     told = "\n".join(builder.warnings)
     for words in (
+        "height fields that move do not collide: hill",
         "mocap bodies do not move: m",
         "springs of free and ball joints: j",
         "torsional and rolling friction (condim 4, 6) of geoms: g",

@@ -24,7 +24,7 @@ struct ContactPoint {
   Vector3 position = Vector3::Zero();  ///< world [m], half way between the surfaces
   Vector3 normal = Vector3::UnitZ();   ///< world, unit, from a to b
   double distance = 0.0;               ///< signed gap along the normal at this point [m], negative in overlap
-  int patch_size = 1;                  ///< points of the same pair in this step, 1 to 4
+  int patch_size = 1;                  ///< points of the same pair in this step, 1 to 4; on a height field to 8
   /// Index of the same material point in the list of the step before, or -1: what a warm start needs. Each old point
   /// has at most one heir.
   int previous = -1;
@@ -55,17 +55,18 @@ struct DetectorSettings {
   void validate() const;
 };
 
-/// Finds contact points: broad phase, narrow phase (Coal), at most four well-spread points a pair with an exact gap
-/// each, matched with the last step's. Once warm, detect() allocates nothing. Not thread-safe: one a simulator.
+/// Finds contact points: broad phase, narrow phase (Coal), at most four well-spread points a pair (eight on a height
+/// field) with an exact gap each, matched with the last step's. Once warm, detect() allocates nothing. Not thread-safe:
+/// one a simulator.
 class Detector {
  public:
   /// pairs: geometries that may touch, each (a, b) with a < b; empty frames' filters are the caller's work. Raises
-  /// InvalidInput on an index out of range, a >= b, a pair of two half spaces, a shape that does not validate, or a
-  /// mesh whose triangles do not bound a convex body.
+  /// InvalidInput on an index out of range, a >= b, a pair of half spaces or height fields, a shape that does not
+  /// validate, or a mesh whose triangles do not bound a convex body.
   Detector(std::vector<CollisionGeometry> geometries, const std::vector<std::pair<int, int>>& pairs,
            const DetectorSettings& settings = {});
-  /// All pairs that pass a filter, but those of two half spaces. Raises InvalidInput on a list that has neither one
-  /// entry a geometry nor none, or an index out of range.
+  /// All pairs that pass a filter, but those of half spaces and height fields. Raises InvalidInput on a list that has
+  /// neither one entry a geometry nor none, or an index out of range.
   Detector(std::vector<CollisionGeometry> geometries, const CollisionFilter& filter,
            const DetectorSettings& settings = {});
   ~Detector();

@@ -20,7 +20,7 @@ from signorini.load._options import Added, Options, Warnings
 from signorini.load._placement import Placement, from_quaternion
 
 if TYPE_CHECKING:
-    from signorini._world import Joint, Material, Shape, World, WorldBuilder
+    from signorini._world import HeightField, Joint, Material, Shape, World, WorldBuilder
 
 Array = npt.NDArray[np.float64]
 Result = TypeVar("Result")
@@ -317,7 +317,7 @@ class _Adder:
         if model.geom_type[geom] in (mj.mjtGeom.mjGEOM_MESH, mj.mjtGeom.mjGEOM_SDF):
             shape = TriangleMesh(*self._triangles(geom))
         elif model.geom_type[geom] == mj.mjtGeom.mjGEOM_HFIELD:
-            return
+            shape = self._height_field(geom)
         else:
             shape = self._shape(geom)
         if shape is None:
@@ -374,9 +374,21 @@ class _Adder:
             return _world.Ellipsoid((size[0], size[1], size[2]))
         if kind == types.mjGEOM_PLANE:
             return _world.HalfSpace()
-        label = {int(types.mjGEOM_HFIELD): "height fields", int(types.mjGEOM_SDF): "signed distance fields"}
+        if kind == types.mjGEOM_HFIELD and model.body_weldid[model.geom_bodyid[geom]] == 0:
+            return self._height_field(geom)
+        label = {int(types.mjGEOM_HFIELD): "height fields that move", int(types.mjGEOM_SDF): "signed distance fields"}
         self.warnings.add(f"{label.get(int(kind), f'geoms of type {int(kind)}')} do not collide", name)
         return None
+
+    def _height_field(self, geom: int) -> HeightField:
+        """MuJoCo keeps heights from 0 to 1, and their scale in the third size."""
+        from signorini._world import HeightField
+
+        model, number = self.model, int(self.model.geom_dataid[geom])
+        rows, columns, first = (int(of[number]) for of in (model.hfield_nrow, model.hfield_ncol, model.hfield_adr))
+        x, y, top, base = (float(size) for size in model.hfield_size[number])
+        heights = np.asarray(model.hfield_data[first : first + rows * columns], dtype=np.float64)
+        return HeightField(top * heights.reshape(rows, columns), (x, y), base)
 
     # What is not carried over
 

@@ -181,6 +181,8 @@ def _of_core_shape(shape: Any) -> tuple[Array, Triangles, bool]:
     if kind == "cylinder":
         r, h = size[0], size[1]
         return (*_turned(np.array([[0.0, -h], [r, -h], [r, h], [0.0, h]])), False)
+    if kind == "height_field":
+        return (*_height_field(np.asarray(shape.heights), *shape.field_size), False)
     return np.asarray(shape.vertices, dtype=np.float64), np.asarray(shape.triangles, dtype=np.int32), False
 
 
@@ -194,6 +196,25 @@ def _box(half: Array) -> tuple[Array, Triangles]:
 @lru_cache(maxsize=1)
 def _unit_ball() -> tuple[Array, Triangles]:
     return _turned(_half_circle(1.0, 0.0))
+
+
+def _height_field(heights: Array, half_x: float, half_y: float, base: float) -> tuple[Array, Triangles]:
+    """The surface, walls and a bottom of two triangles."""
+    rows, columns = heights.shape
+    x, y = np.meshgrid(np.linspace(-half_x, half_x, columns), np.linspace(-half_y, half_y, rows))
+    number = np.arange(heights.size).reshape(rows, columns)
+    a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
+    surface = [np.stack(corners, axis=-1).reshape(-1, 3) for corners in ((a, b, c), (a, c, d))]
+    # Once around, counter-clockwise seen from above, and the same below.
+    border = np.concatenate([number[0, :-1], number[:-1, -1], number[-1, :0:-1], number[:0:-1, 0]])
+    low = heights.size + np.arange(len(border))
+    after, low_after = np.roll(border, -1), np.roll(low, -1)
+    walls = [np.stack([border, low, low_after], axis=1), np.stack([border, low_after, after], axis=1)]
+    p, q, r = low[0], low[columns - 1], low[columns + rows - 2]
+    bottom = [np.array([[p, r, q], [p, low[2 * columns + rows - 3], r]])]
+    top = np.column_stack([x.ravel(), y.ravel(), heights.ravel()])
+    below = np.column_stack([top[border, :2], np.full(len(border), -base)])
+    return np.concatenate([top, below]), np.concatenate(surface + walls + bottom).astype(np.int32)
 
 
 def _half_circle(radius: float, half_length: float, count: int = 12) -> Array:

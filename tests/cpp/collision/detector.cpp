@@ -280,6 +280,21 @@ BOOST_AUTO_TEST_CASE(once_warm_nothing_is_allocated) {
       }
     }
   }
+  // On rough ground, where pieces of many cells are gathered.
+  HeightGrid grid;
+  grid.rows = grid.columns = 41;
+  Dice dice(21);
+  for (int k = 0; k < 41 * 41; ++k) grid.heights.push_back(dice.uniform(-0.03, 0.03));
+  for (const Shape& shape : some_shapes()) {
+    Two two(Shape::height_field(grid), shape);
+    for (int round = 0; round < 2; ++round)
+      for (int k = 0; k < 50; ++k) {
+        const Placement place{turn(0.1 * k, {1.0, 0.3, 0.2}), {0.01 * k - 0.3, 0.2, 0.03 - 5e-4 * k}};
+        const long before = allocations;
+        two.detect({}, place);
+        if (round == 1) BOOST_TEST(allocations == before);
+      }
+  }
   const long before = allocations;
   std::vector<double> counted(100);
   BOOST_TEST(allocations > before);

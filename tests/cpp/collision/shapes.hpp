@@ -133,6 +133,7 @@ inline Vector3 support(const Shape& shape, const Placement& place, const Vector3
       break;
     }
     case ShapeType::HalfSpace:
+    case ShapeType::HeightField:
       break;
   }
   return place * p;
@@ -164,6 +165,8 @@ inline double off_surface(const Shape& shape, const Placement& place, const Vect
       return (p.cwiseQuotient(s).norm() - 1.0) * s.minCoeff();
     case ShapeType::HalfSpace:
       return p[2];
+    case ShapeType::HeightField:
+      break;
     case ShapeType::Convex: {
       double most = -std::numeric_limits<double>::infinity();
       for (const auto& t : shape.mesh->triangles) {
