@@ -159,7 +159,7 @@ struct ConvexPair::Search {
   }
 
   /// False if the cores are more than `reach` apart.
-  bool run(double reach, PairMemory& memory, const Vector3* likely) {
+  bool run(double reach, PairMemory& memory, const std::array<Vector3, 2>* likely) {
     best = Axis();
     const Vector3 guess = memory.guess;
     const ClosestSearch::Outcome outcome = closest_search.run(difference, reach, scale, memory);
@@ -168,10 +168,12 @@ struct ConvexPair::Search {
     if (outcome == ClosestSearch::Found) polish(closest_search.normal, Axis::Searched, closest_search.farthest);
     // EPA can lose its way where the cores just touch, and then reports a depth along some other side.
     if (outcome == ClosestSearch::Failed || best.separation < -kDeep * scale) {
-      if (likely)
-        search_from(*likely);
-      else
+      if (!likely) {
         search_everywhere(guess);
+      } else {
+        for (const Vector3& normal : *likely) search_from(normal);
+        search_from((*likely)[0] + (*likely)[1]);
+      }
     }
     if (!(best.separation > -kInfinity)) return false;
     // Not shorter than this: GJK would take it for the origin.
@@ -220,13 +222,14 @@ ConvexPair::ConvexPair() : search_(std::make_unique<Search>()) {}
 ConvexPair::~ConvexPair() = default;
 
 void ConvexPair::collide(const Solid& a, const Placement& place_a, const Solid& b, const Placement& place_b,
-                         double margin, PairMemory& memory, Manifold& out, const Vector3* likely) {
+                         double margin, PairMemory& memory, Manifold& out, const std::array<Vector3, 2>* likely) {
   out.count = 0;
   Search& search = *search_;
   search.difference.set(a, place_a, b, place_b);
   search.scale = std::min(a.radius, b.radius);
-  Vector3 likely_in_a;
-  if (likely) likely_in_a = place_a.rotation.transpose() * *likely;
+  std::array<Vector3, 2> likely_in_a;
+  if (likely)
+    for (int k = 0; k < 2; ++k) likely_in_a[k] = place_a.rotation.transpose() * (*likely)[k];
   if (!search.run(margin + a.rounding + b.rounding, memory, likely ? &likely_in_a : nullptr)) return;
 
   SurfacePair deepest = search.closest();

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <memory>
 
 #include "closest_search.hpp"
@@ -15,10 +16,10 @@ class ConvexPair {
   ConvexPair();
   ~ConvexPair();
 
-  /// Leaves no point if the shapes are more than `margin` apart. likely: a normal (world) near which that of an overlap
-  /// is expected; then it is looked for there, not everywhere.
+  /// Leaves no point if the shapes are more than `margin` apart. likely: two normals (world)
+  /// between which that of an overlap is expected; then it is looked for there, not everywhere.
   void collide(const Solid& a, const Placement& place_a, const Solid& b, const Placement& place_b, double margin,
-               PairMemory& memory, Manifold& out, const Vector3* likely = nullptr);
+               PairMemory& memory, Manifold& out, const std::array<Vector3, 2>* likely = nullptr);
 
  private:
   struct Search;

@@ -151,7 +151,8 @@ struct Around {
 
 /// A straight edge of the solid.
 struct Edge {
-  Vector3 from, to, likely;  // likely: in the middle of the normals that it may have
+  Vector3 from, to;
+  std::array<Vector3, 2> normals;  // of the two faces
   Around inside, at_from, at_to;
 };
 
@@ -348,11 +349,11 @@ struct FieldContacts::Query {
       int row = t.row, column = t.column, to_row = t.row + 1, to_column = t.column + 1;
       if (k == 0) (t.side == 0 ? to_row : row) = t.side == 0 ? t.row : t.row + 1;
       if (k == 1) (t.side == 0 ? column : to_column) = t.side == 0 ? t.column + 1 : t.column;
-      Edge edge{grid.vertex(row, column), grid.vertex(to_row, to_column), t.normal, {}, {}, {}};
+      Edge edge{grid.vertex(row, column), grid.vertex(to_row, to_column), {{t.normal, t.normal}}, {}, {}, {}};
       if (out_of_reach(edge)) continue;
       grid.neighbour(t, k, other, across);
       if (inner && (ridge(t, other, across) <= 0.0 || gap_to_plane(other) > margin)) continue;
-      edge.likely += inner ? other.normal : across;
+      edge.normals[1] = inner ? other.normal : across;
       const Vector3 along = edge.to - edge.from;
       const auto into = [&](const Triangle& triangle, const Vector3& toward) {
         const Vector3 direction = along.cross(triangle.normal);
@@ -413,7 +414,7 @@ struct FieldContacts::Query {
         PairMemory memory;
         memory.guess = middle.rotation.transpose() * (middle.translation - centre);
         memory.hint_b = hint;
-        convex_pair.collide(segment, middle, b, place, margin, memory, found, &edge.likely);
+        convex_pair.collide(segment, middle, b, place, margin, memory, found, &edge.normals);
         hint = memory.hint_b;
       }
     }
@@ -455,7 +456,7 @@ struct FieldContacts::Query {
           if (depth <= touching || (depth < depth_below_surface(core) && depth <= depth_below_bottom(core))) add(point);
         }
         const Vector3 corner = origin + bottom, to_corner = half[other] * Vector3::Unit(other);
-        Edge edge{corner - to_corner, corner + to_corner, normal + down, {}, {}, {}};
+        Edge edge{corner - to_corner, corner + to_corner, {{normal, down}}, {}, {}, {}};
         edge.inside.add(-normal), edge.inside.add(Vector3::UnitZ());
         edge.at_from = edge.at_to = edge.inside;
         edge.at_from.add(to_corner), edge.at_to.add(-to_corner);
@@ -465,7 +466,7 @@ struct FieldContacts::Query {
       for (const double y : {1.0, -1.0}) {
         Edge edge{Vector3(x * half[0], y * half[1], -g.base),
                   grid.vertex(y > 0.0 ? g.rows - 1 : 0, x > 0.0 ? g.columns - 1 : 0),
-                  Vector3(x, y, 0.0),
+                  {{x * Vector3::UnitX(), y * Vector3::UnitY()}},
                   {},
                   {},
                   {}};

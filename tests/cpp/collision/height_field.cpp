@@ -244,12 +244,12 @@ BOOST_AUTO_TEST_CASE(gaps_on_rough_ground_are_those_to_its_nearest_triangle) {
 
 BOOST_AUTO_TEST_CASE(what_is_deep_below_the_surface_is_pushed_up) {
   Dice dice(43);
-  for (const double roughness : {0.0, 0.01, 0.03})
+  for (const double roughness : {0.0, 0.01, 0.03, 0.1})
     for (const Shape& shape : some_shapes()) {
       Ground field(rough_ground(8, roughness), shape, 0.005);
       for (int k = 0; k < 60; ++k) {
-        const Placement place{dice.rotation(),
-                              Vector3(dice.uniform(-0.4, 0.4), dice.uniform(-0.3, 0.3), dice.uniform(-0.08, 0.0))};
+        const Placement place{dice.rotation(), Vector3(dice.uniform(-0.4, 0.4), dice.uniform(-0.3, 0.3),
+                                                       dice.uniform(-0.08 - 3.0 * roughness, -roughness))};
         const auto& points = field.detect({}, place);
         BOOST_TEST(least_distance(points) < 0.0);
         for (const ContactPoint& p : points) BOOST_TEST(p.normal[2] > 0.0);
