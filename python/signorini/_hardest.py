@@ -42,7 +42,7 @@ class Hardest:
             self._simulator.restore(self._before)
             done = 0
             for cost, k in wanted:
-                self._simulator.run(k + 1 - done)
+                self._simulator.run(k + 1 - done, None if trace.controls is None else trace.controls[done : k + 1])
                 done = k + 1
                 entry = (cost, -(self._first + k), self._simulator.contact_problem())
                 (heapq.heappush if len(self._kept) < self._count else heapq.heappushpop)(self._kept, entry)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -212,7 +213,8 @@ class Trace:
     """What run() kept of each step; arrays of num_steps values.
 
     seconds: wall time. relative: the certificate. penetration: deepest overlap at the start of the step [m].
-    states: num_steps x (num_q + num_v), after each step, or None.
+    states: num_steps x (num_q + num_v), after each step, or None. controls: num_steps x num_controls, under which the
+    steps were made, or None: all under the same.
     """
 
     seconds: Array
@@ -223,6 +225,7 @@ class Trace:
     num_contacts: NDArray[np.int32]
     solved: NDArray[np.bool_]
     states: Array | None
+    controls: Array | None = None
 
 
 class Simulator:
@@ -295,17 +298,49 @@ class Simulator:
             if self.settings.on_unsolved != "continue":
                 self._check_solved()
 
-    def run(self, num_steps: int, controls: ArrayLike | None = None, *, keep_states: bool = False) -> Trace:
-        """The same in one go, keeping what each step reported. controls: num_steps x num_controls, or None."""
+    def run(
+        self,
+        num_steps: int,
+        controls: ArrayLike | None = None,
+        *,
+        controller: Callable[[], None] | None = None,
+        keep_states: bool = False,
+    ) -> Trace:
+        """The same in one go, keeping what each step reported.
+
+        controls: num_steps x num_controls, or None. controller: instead, called before every step to set `control`.
+        """
+        if controller is not None:
+            if controls is not None:
+                raise InvalidInputError("controls: are given, must be None where there is a controller")
+            return self._run_controlled(num_steps, controller, keep_states)
         given = np.zeros((0, 0)) if controls is None else np.asarray(controls, dtype=np.float64)
         if given.ndim != 2:
             raise InvalidInputError(f"controls: has shape {given.shape}, must be ({num_steps}, {len(self._control)})")
         out = self._core.run(int(num_steps), given, keep_states)
         states = out.pop("states")
-        trace = Trace(**{**out, "solved": out["solved"].astype(bool)}, states=states if keep_states else None)
+        trace = Trace(
+            **{**out, "solved": out["solved"].astype(bool)},
+            states=states if keep_states else None,
+            controls=None if controls is None else given,
+        )
         if self.settings.on_unsolved != "continue":
             self._check_solved()
         return trace
+
+    def _run_controlled(self, num_steps: int, controller: Callable[[], None], keep_states: bool) -> Trace:
+        controls = np.empty((num_steps, len(self._control)))
+        steps = [self.run(0, keep_states=keep_states)]
+        for k in range(num_steps):
+            controller()
+            controls[k] = self._control
+            steps.append(self.run(1, keep_states=keep_states))
+        arrays: dict[str, Any] = {
+            field.name: np.concatenate([getattr(step, field.name) for step in steps])
+            for field in fields(Trace)
+            if field.name != "controls" and (keep_states or field.name != "states")
+        }
+        return replace(steps[0], **arrays, controls=controls)
 
     def _check_solved(self) -> None:
         count = self._core.report.unsolved

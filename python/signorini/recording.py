@@ -69,13 +69,15 @@ class Recorder:
         self._keep()
 
     def add(self, trace: Trace) -> None:
-        """Appends what run(..., keep_states=True) returned, all of it under the control as it is now."""
+        """Appends what run(..., keep_states=True) returned; what had no controls of its own, under the control as it is
+        now."""
         if trace.states is None:
             raise InvalidInputError("trace.states: is None, must be kept: run(..., keep_states=True)")
         num_q = self._simulator.state.q.size
         self._append("q", trace.states[:, :num_q])
         self._append("v", trace.states[:, num_q:])
-        self._append("control", np.tile(self._simulator.control, (len(trace.states), 1)))
+        same = np.tile(self._simulator.control, (len(trace.states), 1))
+        self._append("control", same if trace.controls is None else trace.controls)
         self._append("relative", trace.relative)
         self._append("num_contacts", trace.num_contacts)
         self._append("seconds", trace.seconds)

@@ -142,3 +142,52 @@ def test_scenes_are_listed():
     assert result.exit_code == 0
     for name in ("cube-stack", "humanoid", "talos-fall", "ur5", "spheres", "boxes"):
         assert name in result.output
+
+
+def driven_sled(**options):
+    from signorini import Box, Joint, WorldBuilder
+    from signorini.scenes import Start
+
+    builder = WorldBuilder()
+    builder.add_ground()
+    slide = Joint("slide", "prismatic", axis=(1, 0, 0))
+    builder.add_body("rail", position=(0, 0, 1), joints=[slide], mass=1.0, inertia=np.eye(3))
+    builder.add_body("sled", joints=[Joint("sled", "free")], position=(0, 0, 0.1), mass=1.0, inertia=np.eye(3) / 60)
+    builder.add_geometry("sled", Box((0.1, 0.1, 0.1)))
+    builder.add_motor("push", "slide")
+    world = builder.build()
+    return Start(world, world.initial_q, np.zeros(world.num_v))
+
+
+def swing(simulator, start, options):
+    """A force that makes the rail a unit mass on a spring: x'' = -w^2 (x - target)."""
+
+    def control():
+        simulator.control[0] = -(options["rate"] ** 2) * (simulator.state.q[start.world.q_slice("slide")][0] - 1.0)
+
+    return control
+
+
+def test_a_scene_with_a_controller_is_driven_recorded_and_replayed(monkeypatch, tmp_path):
+    scene = scenes.WorldScene("sled", "driven", 1.0, "here", driven_sled, controller=swing)
+    monkeypatch.setattr("signorini.scenes._worlds._SCENES", (scene,))
+    path = tmp_path / "sled.h5"
+    options = ("--option", "rate=5", "--record", path, "--hardest", tmp_path / "steps")
+    result = invoke("run", "sled", "--duration", 0.5, *options)
+    assert result.exit_code == 0, result.output
+    held = recording.read(path)
+    x = held.q[:, 0]
+    np.testing.assert_allclose(x, 1.0 - np.cos(5.0 * 1e-3 * np.arange(501)), atol=0.02)
+    np.testing.assert_allclose(held.control[:, 0], -25.0 * (x[:-1] - 1.0), atol=1e-12)  # of each step, not of a block
+    result = invoke("replay", path, "--verify")
+    assert result.exit_code == 0, result.output
+    assert invoke("run", "sled", "--duration", 0.5, "--option", "rate=5", "--json", tmp_path / "o.json").exit_code == 0
+    assert json.loads((tmp_path / "o.json").read_text())["state_hash"] == held.state_hash  # --hardest changed nothing
+
+
+def test_a_run_has_controls_or_a_controller():
+    world, _, _ = driven_sled()
+    simulator = Simulator(world)
+    with pytest.raises(InvalidInputError, match="controls"):
+        simulator.run(2, np.zeros((2, 1)), controller=lambda: None)
+    assert simulator.run(0, controller=lambda: None).controls.shape == (0, 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -34,6 +35,16 @@ def load_source(source: Source) -> tuple[signorini.World, Any, Any]:
         source["file"], ground=source.get("ground", False), floating_base=source.get("floating_base")
     )
     return world, world.initial_q, np.zeros(world.num_v)
+
+
+def controller_of(source: Source, simulator: signorini.Simulator, start: Any) -> Callable[[], None] | None:
+    """What drives the scene of a source, if anything does: called before every step."""
+    from signorini import scenes
+
+    scene = scenes.worlds().get(source.get("scene", ""))
+    if scene is None or scene.controller is None:
+        return None
+    return scene.controller(simulator, scenes.Start(*start), source.get("options", {}))
 
 
 def _source(scene: str, ground: bool, floating: bool | None, options: list[str]) -> Source:
@@ -84,9 +95,10 @@ def run(
     errors = Console(stderr=True)
     try:
         source = _source(scene, ground, floating, option or [])
-        world, q, v = load_source(source)
+        start = world, q, v = load_source(source)
         simulator = signorini.Simulator(world, time_step=dt, law=law.value, solver=solver.value, tolerance=tolerance)
         simulator.state.q, simulator.state.v = q, v
+        controller = controller_of(source, simulator, start)
         length = _default_duration(source) if duration is None else duration
         if not 0.0 < length <= 1e6:
             raise signorini.InvalidInputError(f"duration: is {length}, must be in (0, 1e6] s")
@@ -95,7 +107,7 @@ def run(
         if hardest is not None:
             hardest.mkdir(parents=True, exist_ok=True)
         kept = Hardest(simulator) if hardest is not None else None
-        result = simulate(simulator, scene, max(1, round(length / dt)), source, record, errors, kept)
+        result = simulate(simulator, scene, max(1, round(length / dt)), source, record, errors, kept, controller)
         files, left_out = kept.write(hardest, scene) if kept is not None and hardest is not None else ([], 0)
     except (signorini.InvalidInputError, OSError, ImportError) as error:
         report(errors, error)
@@ -133,6 +145,7 @@ def simulate(
     record: Path | None,
     errors: Console,
     hardest: Hardest | None = None,
+    controller: Callable[[], None] | None = None,
 ) -> dict[str, Any]:
     """Runs with a progress bar and, if asked, a recording; returns what --json writes."""
     from signorini import recording
@@ -155,7 +168,7 @@ def simulate(
                 count = min(BLOCK, num_steps - first)
                 if hardest is not None:
                     hardest.watch()
-                traces.append(simulator.run(count, keep_states=recorder is not None))
+                traces.append(simulator.run(count, controller=controller, keep_states=recorder is not None))
                 if hardest is not None:
                     hardest.add(traces[-1])
                 if recorder is not None:

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from signorini._core import InvalidInputError
 
 if TYPE_CHECKING:
+    from signorini._simulation import Simulator
     from signorini._world import Material, Shape, World, WorldBuilder
 
 Array = npt.NDArray[np.float64]
@@ -38,13 +39,18 @@ class Start(NamedTuple):
 @dataclass(frozen=True)
 class WorldScene:
     """A world by name. duration: of a run that shows what it is for [s]; source: where it is from. Called with options
-    of `make`, it returns a Start."""
+    of `make`, it returns a Start.
+
+    controller: given a simulator of that world, where it started and these options, returns what is to be called before
+    every step, to set simulator.control; None: nobody drives.
+    """
 
     name: str
     description: str
     duration: float
     source: str
     make: Callable[..., Start]
+    controller: Callable[[Simulator, Start, dict[str, Any]], Callable[[], None]] | None = None
 
     def __call__(self, **options: Any) -> Start:
         return self.make(**options)
