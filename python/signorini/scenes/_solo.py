@@ -1,0 +1,140 @@
+"""The quadruped Solo12 on a slope, or on random steps: terrain, world, and what a walk is judged by."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from signorini._core import InvalidInputError
+
+if TYPE_CHECKING:
+    from signorini._world import Material, World, WorldBuilder
+
+Array = npt.NDArray[np.float64]
+LEGS = ("FL", "FR", "HL", "HR")
+FOOT_RADIUS = 0.016  # [m] of the mesh, a wheel
+HEIGHT = 0.23  # [m] base above the ground, along the vertical
+STANCE = 0.045  # [m] feet outside the hips' joints
+
+
+@dataclass(frozen=True)
+class Terrain:
+    """A plane that rises along x, with tiles of random heights on it.
+
+    slope: angle [rad]. tops: (n, m) heights of tiles above the plane, along its normal [m]; the first begins at `start`
+    along the slope, the m of a row lie around its middle line; edge: of a tile [m].
+    """
+
+    slope: float
+    tops: Array = field(default_factory=lambda: np.zeros((0, 1)))
+    edge: float = 0.3
+    start: float = 0.45
+
+    @staticmethod
+    def random(slope: float, steps: float, seed: int, *, length: float = 8.0, width: float = 1.8) -> Terrain:
+        """Tiles with heights uniform in [0, steps] [m]; none if steps is 0."""
+        terrain = Terrain(slope)
+        if steps == 0.0:
+            return terrain
+        shape = math.ceil(length / terrain.edge), math.ceil(width / terrain.edge)
+        return Terrain(slope, np.random.default_rng(seed).uniform(0.0, steps, shape))
+
+    @property
+    def rotation(self) -> Array:
+        """Columns: along the slope, across, normal."""
+        c, s = math.cos(self.slope), math.sin(self.slope)
+        return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+
+    @property
+    def normal(self) -> Array:
+        return self.rotation[:, 2]
+
+    def height(self, x: float, y: float) -> float:
+        """z of the surface above (x, y) in the world [m]."""
+        c, s = math.cos(self.slope), math.sin(self.slope)
+        top = 0.0
+        for _ in range(3 if self.slope and self.tops.size else 1):  # tiles are upright to the slope, not to the world
+            top = self.top(x / c + s / c * top, y)
+        if not self.slope:
+            return top
+        return (top + x * s) / c
+
+    def top(self, along: float, across: float) -> float:
+        """Height above the plane at a point of it [m]."""
+        i = math.floor((along - self.start) / self.edge)
+        j = math.floor(across / self.edge + 0.5 * self.tops.shape[1])
+        inside = 0 <= i < self.tops.shape[0] and 0 <= j < self.tops.shape[1]
+        return float(self.tops[i, j]) if inside else 0.0
+
+    def flat(self, x: float, y: float, margin: float) -> bool:
+        """Whether the surface is a plane within margin of (x, y) [m]."""
+        if not self.tops.size:
+            return True
+        along = x / math.cos(self.slope)
+        tops = [self.top(along + dx, y + dy) for dx in (-margin, 0.0, margin) for dy in (-margin, 0.0, margin)]
+        return max(tops) - min(tops) < 1e-3
+
+    def add_to(self, builder: WorldBuilder, material: Material) -> list[int]:
+        """Adds plane and tiles; returns the indices of their geometries."""
+        from signorini._world import Box, HalfSpace
+
+        rotation, depth = self.rotation, 0.05
+        made = [builder.add_geometry("world", HalfSpace(), orientation=rotation, material=material, name="slope")]
+        for (i, j), top in np.ndenumerate(self.tops):
+            if top <= 0.0:
+                continue
+            across = (j + 0.5 - 0.5 * self.tops.shape[1]) * self.edge
+            centre = rotation @ [self.start + (i + 0.5) * self.edge, across, 0.5 * (top - depth)]
+            box = Box((0.5 * self.edge, 0.5 * self.edge, 0.5 * (top + depth)))
+            name = f"tile-{i}-{j}"
+            made.append(
+                builder.add_geometry(
+                    "world", box, position=centre, orientation=rotation, material=material, name=name
+                )
+            )
+        return made
+
+
+def solo_world(terrain: Terrain, friction: float) -> tuple[World, Array]:
+    """The robot on the terrain and q of its stand: base along the slope, feet below the shoulders and on the ground.
+
+    Feet touch as spheres around the ankle; the meshes, wheels of that radius, never touch the ground.
+    """
+    from signorini._world import Material, Sphere, WorldBuilder
+    from signorini.load import load, srdf
+    from signorini.scenes._worlds import robots_folder
+
+    folder = robots_folder() / "solo_description"
+    builder, material = WorldBuilder(), Material(friction=friction)
+    file, srdf_file = folder / "robots" / "solo12.urdf", folder / "srdf" / "solo.srdf"
+    robot = load(file, builder=builder, floating_base=True, material=material, srdf=srdf_file)
+    ground = terrain.add_to(builder, material)
+    for leg in LEGS:
+        foot = f"{leg}_FOOT"
+        for index in ground:
+            builder.exclude_geometries(robot.geometry_index(foot), index)
+        builder.add_geometry(foot, Sphere(FOOT_RADIUS), material=material, name=f"{leg}-ball")
+    world = builder.build()
+
+    q = srdf.configuration(world, srdf.read(srdf_file).states["standing"])
+    base = q[world.q_slice("root_joint")]
+    base[:3] = 0.0, 0.0, terrain.height(0.0, 0.0) + HEIGHT
+    base[3:] = 0.0, -math.sin(0.5 * terrain.slope), 0.0, math.cos(0.5 * terrain.slope)
+    for leg in LEGS:
+        joints = [world.joint(f"{leg}_{name}") for name in ("HAA", "HFE", "KFE")]
+        shoulder = world.body_placement(f"{leg}_UPPER_LEG", q)[0]
+        goal = foothold(terrain, shoulder[0], shoulder[1] + (STANCE if leg[1] == "L" else -STANCE))
+        for _ in range(20):
+            gap = goal - world.body_placement(f"{leg}_FOOT", q)[0]
+            turning = world.jacobian(q, f"{leg}_FOOT")[:3, [joint.v_index for joint in joints]]
+            q[[joint.q_index for joint in joints]] += np.linalg.solve(turning, gap)
+    return world, q
+
+
+def foothold(terrain: Terrain, x: float, y: float) -> Array:
+    """Where the centre of a foot is that stands at (x, y)."""
+    return np.array([x, y, terrain.height(x, y) + FOOT_RADIUS / math.cos(terrain.slope)])

@@ -1,0 +1,174 @@
+"""Model-predictive control of contact forces: a legged robot as one rigid body, planned by a quadratic program.
+
+Convex MPC as in Di Carlo, Wensing, Katz, Bledt, Kim 2018 ("Dynamic locomotion in the MIT Cheetah 3 through convex
+model-predictive control"), with two differences. Orientation is a rotation vector from the reference instead of Euler
+angles, so that a steep reference is as good as a level one. And the moment of the forces is linearised about forces
+that carry the weight, which keeps the term that tips a body over whose centre of mass leaves its feet:
+
+    phi' = w,   e' = v - v_ref,   w' = I^-1 (sum_i l_i x f_i + F x e),   v' = sum_i f_i / m + g     (M1)
+
+phi: R = exp(phi) R_ref, world axes; e: centre of mass from its reference; w, v: velocities; l_i: foot i from the
+reference of the centre of mass; F = -m g. The system is nilpotent, so its exact discretisation is a cubic (M2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+NUM_STATES = 12  # phi, e, w, v
+
+
+def skew(a: Array) -> Array:
+    """Matrices of the cross product, (..., 3) -> (..., 3, 3)."""
+    out = np.zeros((*a.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -a[..., 2], a[..., 1], -a[..., 0]
+    return out - np.swapaxes(out, -1, -2)
+
+
+@dataclass(frozen=True)
+class Body:
+    """The robot as one rigid body: mass [kg]; inertia about its centre of mass, world axes (3, 3) [kg m^2]."""
+
+    mass: float
+    inertia: Array
+    gravity: Array
+
+    def dynamics(self, levers: Array, reference_velocity: Array, dt: float) -> tuple[Array, Array, Array]:
+        """(M1) over dt under constant forces: x+ = A x + B_k f + c.
+
+        levers: (steps, feet, 3) [m]; reference_velocity: (3,) of the centre of mass. A: (12, 12); B: (steps, 12,
+        3 feet); c: (12,).
+        """
+        inverse = np.linalg.inv(self.inertia)
+        rate = np.zeros((NUM_STATES, NUM_STATES))
+        rate[0:3, 6:9] = rate[3:6, 9:12] = np.eye(3)
+        rate[6:9, 3:6] = inverse @ skew(-self.mass * self.gravity)
+        steps, feet, _ = levers.shape
+        push = np.zeros((steps, NUM_STATES, feet, 3))
+        push[:, 6:9] = (inverse @ skew(levers)).transpose(0, 2, 1, 3)
+        push[:, 9:12] = (np.eye(3) / self.mass)[:, None, :]
+        drift = np.zeros(NUM_STATES)
+        drift[3:6], drift[9:12] = -reference_velocity, self.gravity
+        square = rate @ rate
+        held = np.eye(NUM_STATES) + dt / 2 * rate + dt**2 / 6 * square + dt**3 / 24 * square @ rate  # (M2)
+        return np.eye(NUM_STATES) + dt * rate @ held, dt * held @ push.reshape(steps, NUM_STATES, 3 * feet), dt * held @ drift
+
+
+@dataclass(frozen=True)
+class Limits:
+    """friction: of the pyramid inside the cone, |f_t1|, |f_t2| <= friction f_n. lowest, highest: normal force [N]."""
+
+    friction: float
+    lowest: float
+    highest: float
+
+    def rows(self, normal: Array) -> tuple[Array, Array, Array]:
+        """(5, 3) matrix and bounds of one force; normal: (3,) of the ground."""
+        t1 = np.cross([0.0, 1.0, 0.0], normal)
+        t1 /= np.linalg.norm(t1)
+        t2 = np.cross(normal, t1)
+        cone = self.friction * normal
+        rows = np.stack([cone - t1, cone + t1, cone - t2, cone + t2, normal])
+        return rows, np.array([0, 0, 0, 0, self.lowest]), np.array([1e20, 1e20, 1e20, 1e20, self.highest])
+
+
+@dataclass(frozen=True)
+class Plan:
+    """forces: (steps, feet, 3) [N], zero in the air; states: (steps, 12) after each step, as predicted.
+
+    solved: what the QP solver says; primal, dual: largest violations of the optimality conditions; variables: of the QP.
+    """
+
+    forces: Array
+    states: Array
+    solved: bool
+    primal: float
+    dual: float
+    iterations: int
+    variables: int
+
+
+@dataclass(frozen=True)
+class ForcePlanner:
+    """min sum_k |x_k|^2_Q + |f_k - share_k|^2_R, the state eliminated, over forces of feet on the ground inside `limits`.
+
+    dt: of one step of the plan [s]. state_weights: diagonal of Q (12,), on deviations from the reference; force_weight:
+    of R [1/N^2]; share: the weight, divided by the feet on the ground. reference_spin... see plan().
+    """
+
+    dt: float
+    state_weights: Array
+    force_weight: float
+    limits: Limits
+    tolerance: float = 1e-6
+
+    def plan(
+        self,
+        body: Body,
+        state: Array,
+        levers: Array,
+        contact: npt.NDArray[np.bool_],
+        normal: Array,
+        reference_velocity: Array,
+    ) -> Plan:
+        """state: (12,) now; levers: (steps, feet, 3); contact: (steps, feet); reference_velocity: (3,), of the mass'
+        centre; angular velocity and rotation vector are to be zero."""
+        steps, feet = contact.shape
+        A, B, c = body.dynamics(levers, reference_velocity, self.dt)
+        used = np.repeat(contact.ravel(), 3)  # of all (step, foot, axis)
+        size = int(used.sum())
+        share = np.zeros((steps, feet, 3))
+        share[contact] = -body.mass * body.gravity
+        share /= np.maximum(contact.sum(axis=1), 1)[:, None, None]
+        wanted = np.zeros(NUM_STATES)
+        wanted[9:12] = reference_velocity
+        # x_k = x + E f of the forces so far. Products stay small: threads of a BLAS would cost more than they bring.
+        x, E = state, np.zeros((NUM_STATES, size))
+        H = self.force_weight * np.eye(size)
+        h = -self.force_weight * share.ravel()[used]
+        done = 0
+        for k in range(steps):
+            mine = B[k][:, np.repeat(contact[k], 3)]
+            x = A @ x + c
+            E[:, :done] = A @ E[:, :done]
+            E[:, done : done + mine.shape[1]] = mine
+            done += mine.shape[1]
+            weighted = self.state_weights * E[:, :done].T
+            H[:done, :done] += weighted @ E[:, :done]
+            h[:done] += weighted @ (x - wanted)
+        rows, lower, upper = self.limits.rows(normal)
+        C = np.kron(np.eye(size // 3), rows)
+        result = _solve(H, h, C, np.tile(lower, size // 3), np.tile(upper, size // 3), self.tolerance)
+        forces = np.zeros(steps * feet * 3)
+        forces[used] = result.x
+        forces = forces.reshape(steps, feet, 3)
+        states = [state]
+        for k in range(steps):
+            states.append(A @ states[-1] + B[k] @ forces[k].ravel() + c)
+        info = result.info
+        return Plan(
+            forces=forces,
+            states=np.stack(states[1:]),
+            solved=info.status.name == "PROXQP_SOLVED",
+            primal=float(info.pri_res),
+            dual=float(info.dua_res),
+            iterations=int(info.iter),
+            variables=size,
+        )
+
+
+def _solve(H: Array, h: Array, C: Array, lower: Array, upper: Array, tolerance: float) -> Any:
+    try:
+        from proxsuite import proxqp
+    except ImportError as error:
+        raise ImportError("the quadratic programs are solved by proxsuite: pip install 'signorini[control]'") from error
+    qp = proxqp.dense.QP(len(h), 0, len(C))
+    qp.settings.eps_abs = tolerance
+    qp.init(H, h, None, None, C, lower, upper)
+    qp.solve()
+    return qp.results
