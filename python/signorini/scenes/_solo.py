@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from signorini._core import InvalidInputError
-
 if TYPE_CHECKING:
     from signorini._world import Material, World, WorldBuilder
 
 Array = npt.NDArray[np.float64]
 LEGS = ("FL", "FR", "HL", "HR")
+KNEES = (-1.0, -1.0, 1.0, 1.0)  # behind their feet, or ahead of them
 FOOT_RADIUS = 0.016  # [m] of the mesh, a wheel
 HEIGHT = 0.23  # [m] base above the ground, along the vertical
 STANCE = 0.045  # [m] feet outside the hips' joints
@@ -70,13 +69,16 @@ class Terrain:
         inside = 0 <= i < self.tops.shape[0] and 0 <= j < self.tops.shape[1]
         return float(self.tops[i, j]) if inside else 0.0
 
-    def flat(self, x: float, y: float, margin: float) -> bool:
-        """Whether the surface is a plane within margin of (x, y) [m]."""
+    def free(self, x: float, y: float, knee: float) -> bool:
+        """Whether a foot can stand at (x, y): the ground is level around it, and not higher where its shin leans over,
+        towards knee = 1 (ahead) or -1."""
         if not self.tops.size:
             return True
         along = x / math.cos(self.slope)
-        tops = [self.top(along + dx, y + dy) for dx in (-margin, 0.0, margin) for dy in (-margin, 0.0, margin)]
-        return max(tops) - min(tops) < 1e-3
+        top = self.top(along, y)
+        around = [self.top(along + dx, y + dy) for dx in (-0.025, 0.025) for dy in (-0.025, 0.025)]
+        under = [self.top(along + knee * dx, y) for dx in (0.045, 0.07)]
+        return all(abs(other - top) < 1e-3 for other in around) and max(under) < top + 1e-3
 
     def add_to(self, builder: WorldBuilder, material: Material) -> list[int]:
         """Adds plane and tiles; returns the indices of their geometries."""
@@ -92,9 +94,7 @@ class Terrain:
             box = Box((0.5 * self.edge, 0.5 * self.edge, 0.5 * (top + depth)))
             name = f"tile-{i}-{j}"
             made.append(
-                builder.add_geometry(
-                    "world", box, position=centre, orientation=rotation, material=material, name=name
-                )
+                builder.add_geometry("world", box, position=centre, orientation=rotation, material=material, name=name)
             )
         return made
 

@@ -56,7 +56,11 @@ class Body:
         drift[3:6], drift[9:12] = -reference_velocity, self.gravity
         square = rate @ rate
         held = np.eye(NUM_STATES) + dt / 2 * rate + dt**2 / 6 * square + dt**3 / 24 * square @ rate  # (M2)
-        return np.eye(NUM_STATES) + dt * rate @ held, dt * held @ push.reshape(steps, NUM_STATES, 3 * feet), dt * held @ drift
+        return (
+            np.eye(NUM_STATES) + dt * rate @ held,
+            dt * held @ push.reshape(steps, NUM_STATES, 3 * feet),
+            dt * held @ drift,
+        )
 
 
 @dataclass(frozen=True)
