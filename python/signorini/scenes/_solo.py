@@ -74,7 +74,7 @@ class Terrain:
         towards knee = 1 (ahead) or -1."""
         if not self.tops.size:
             return True
-        along = x / math.cos(self.slope)
+        along = x * math.cos(self.slope) + self.height(x, y) * math.sin(self.slope)
         top = self.top(along, y)
         around = [self.top(along + dx, y + dy) for dx in (-0.025, 0.025) for dy in (-0.025, 0.025)]
         under = [self.top(along + knee * dx, y) for dx in (0.045, 0.07)]

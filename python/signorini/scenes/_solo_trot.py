@@ -93,6 +93,7 @@ class Trot:
         self.stance -= world.body_placement("base_link")[0]
         self.stance[:, 1] += [STANCE if leg[1] == "L" else -STANCE for leg in LEGS]
         self.swinging = [False] * 4
+        self.unloaded = [0] * 4  # steps without load on the ground
         self._observe()
         self.left = self.places.copy()  # where each foot stood last
         self.goal = self.places.copy()  # where it goes
@@ -104,8 +105,9 @@ class Trot:
         if self.ticks % self.plan_every == 0:
             self._refer()
             for leg in range(4):
-                if self.swinging[leg] and 0.0 <= self.gait.phase(leg, self.clock) < 0.7:
-                    self.goal[leg] = self._choose(leg)
+                phase = self.gait.phase(leg, self.clock)
+                if self.swinging[leg] and 0.0 <= phase < 0.6:
+                    self.goal[leg] = self._choose(leg, phase)
             self.plans.append(self._plan())
         self._drive()
         self.ticks += 1
@@ -139,6 +141,9 @@ class Trot:
             self.swinging[leg], self.left[leg] = True, self.places[leg]
         elif self.swinging[leg] and self.loaded[leg] and not 0.0 <= phase < 0.5:
             self.swinging[leg] = False
+        self.unloaded[leg] = 0 if self.swinging[leg] or self.loaded[leg] else self.unloaded[leg] + 1
+        if self.unloaded[leg] > 10:  # it has slipped off: down again
+            self.swinging[leg], self.goal[leg] = True, self.places[leg]
 
     def _advance(self) -> None:
         """The clock stands still while a foot would be lifted although another one has not come down."""
@@ -169,17 +174,19 @@ class Trot:
         height = a + b * self.base[0] + c * self.base[1] - below + HEIGHT
         self.wanted_centre = np.array([self.centre[0], 0.0, height + self.centre[2] - self.base[2]])
 
-    def _choose(self, leg: int) -> Array:
+    def _choose(self, leg: int, phase: float) -> Array:
         """Foothold: under the shoulder as it will be at mid-stance, and further where velocity is off (Raibert 1986);
         the nearest one where the foot is off edges, and the shin over them."""
-        left = (1.0 - self.gait.phase(leg, self.clock)) * self.gait.swing
         x, y = (
             self.base
             + self.wanted_rotation @ self.stance[leg]
-            + left * self.velocity
+            + (1.0 - phase) * self.gait.swing * self.velocity
             + 0.5 * self.gait.stance * self.wanted_velocity
             + self.gains.raibert * (self.velocity - self.wanted_velocity)
         )[:2]
+        before = self.goal[leg]
+        if phase > 0.0 and math.hypot(before[0] - x, before[1] - y) < 0.03 and self.terrain.free(*before[:2], KNEES[leg]):
+            return before
         for radius in (0.0, 0.02, 0.04, 0.06, 0.08):
             for angle in np.arange(8 if radius else 1) * math.pi / 4.0:
                 at = x + radius * math.cos(angle), y + radius * math.sin(angle)
