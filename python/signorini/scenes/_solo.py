@@ -76,7 +76,7 @@ class Terrain:
             return True
         along = x * math.cos(self.slope) + self.height(x, y) * math.sin(self.slope)
         top = self.top(along, y)
-        around = [self.top(along + dx, y + dy) for dx in (-0.025, 0.025) for dy in (-0.025, 0.025)]
+        around = [self.top(along + dx, y + dy) for dx in (-0.035, 0.035) for dy in (-0.035, 0.035)]
         under = [self.top(along + knee * dx, y) for dx in (0.045, 0.07)]
         return all(abs(other - top) < 1e-3 for other in around) and max(under) < top + 1e-3
 

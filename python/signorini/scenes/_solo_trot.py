@@ -30,7 +30,7 @@ class Gait:
     swing: float = 0.16
     start: float = 0.2
     offsets: tuple[float, ...] = (0.0, 0.5, 0.5, 0.0)
-    patience: float = 0.08  #: how long the clock waits for a foot that is late [s]
+    patience: float = 0.12  #: how long the clock waits for a foot that is late [s]
 
     def phase(self, leg: int, clock: float) -> float:
         """Share of the swing done, in [0, 1); negative on the ground."""
@@ -79,7 +79,7 @@ class Trot:
         """friction: of the ground. speed: along x [m/s]. plan_every: steps of the simulator; horizon: steps of a plan."""
         self.simulator, self.terrain, self.speed = simulator, terrain, speed
         self.gait, self.gains = gait or Gait(), gains or Gains()
-        self.planner = planner or ForcePlanner(0.02, WEIGHTS, 1e-3, Limits(friction / math.sqrt(2.0), 0.0, 25.0))
+        self.planner = planner or ForcePlanner(0.02, WEIGHTS, 1e-3, Limits(friction / math.sqrt(2.0), 1.0, 25.0))
         self.plan_every, self.horizon = plan_every, horizon
         self.plans: list[Plan] = []
         self.ticks, self.clock, self.waited = 0, 0.0, 0.0
@@ -100,9 +100,8 @@ class Trot:
 
     def __call__(self) -> None:
         self._observe()
-        for leg in range(4):
-            self._switch(leg)
-        if self.ticks % self.plan_every == 0:
+        changed = [self._switch(leg) for leg in range(4)]
+        if self.ticks % self.plan_every == 0 or any(changed):
             self._refer()
             for leg in range(4):
                 phase = self.gait.phase(leg, self.clock)
@@ -134,16 +133,18 @@ class Trot:
         self.velocity = R @ (M[:3] @ v) / mass
         self.spin = R @ v[3:6]
 
-    def _switch(self, leg: int) -> None:
-        """Lift-off by the clock, touch-down by the load."""
+    def _switch(self, leg: int) -> bool:
+        """Lift-off by the clock, touch-down by the load; a foot that slipped off comes down again."""
+        before = self.swinging[leg]
         phase = self.gait.phase(leg, self.clock)
         if not self.swinging[leg] and 0.0 <= phase < 0.5:
             self.swinging[leg], self.left[leg] = True, self.places[leg]
         elif self.swinging[leg] and self.loaded[leg] and not 0.0 <= phase < 0.5:
             self.swinging[leg] = False
         self.unloaded[leg] = 0 if self.swinging[leg] or self.loaded[leg] else self.unloaded[leg] + 1
-        if self.unloaded[leg] > 10:  # it has slipped off: down again
+        if self.unloaded[leg] > 5:
             self.swinging[leg], self.goal[leg] = True, self.places[leg]
+        return self.swinging[leg] != before
 
     def _advance(self) -> None:
         """The clock stands still while a foot would be lifted although another one has not come down."""
@@ -245,7 +246,7 @@ class Trot:
         phase, start, goal = self.gait.phase(leg, self.clock), self.left[leg], self.goal[leg]
         place, speed, push = np.zeros(3), np.zeros(3), np.zeros(3)
         if phase < 0.0:
-            place[:2], place[2], speed[2] = goal[:2], self.places[leg, 2], -0.3
+            place[:2], place[2], speed[2] = goal[:2], self.places[leg, 2], -0.5
         else:
             duration = self.gait.swing
             top = max(start[2], goal[2]) + self.gains.clearance
