@@ -91,5 +91,5 @@ $(venv)/tools: pyproject.toml | $(venv)/bin/uv
 # Python sources are used in place (editable); the extension is built again when C++ changed.
 $(venv)/installed: $(venv)/tools $(sources)
 	$(bin)/uv pip install --quiet --no-build-isolation -Cbuild-dir=build/python -Ccmake.define.SIGNORINI_BUILD_TESTS=ON \
-	  --editable ".[mjcf,peers,plots,robots,test,view]"
+	  --editable ".[control,mjcf,peers,plots,robots,test,view]"
 	touch $@

@@ -1,31 +1,77 @@
-"""The quadruped Solo12 on a slope, or on random steps: terrain, world, and what a walk is judged by."""
+"""The quadruped Solo12 on a slope, or on random steps: terrain, world, and the scene `solo-terrain`."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
+    from signorini._simulation import Simulator
     from signorini._world import Material, World, WorldBuilder
+    from signorini.scenes._solo_trot import Trot
+    from signorini.scenes._worlds import Start
 
 Array = npt.NDArray[np.float64]
 LEGS = ("FL", "FR", "HL", "HR")
 KNEES = (-1.0, -1.0, 1.0, 1.0)  # behind their feet, or ahead of them
 FOOT_RADIUS = 0.016  # [m] of the mesh, a wheel
 HEIGHT = 0.23  # [m] base above the ground, along the vertical
-STANCE = 0.045  # [m] feet outside the hips' joints
+STANCE = 0.045  # [m] feet outside the shoulders
+
+
+def solo_terrain(
+    slope: float = 15.0, steps: float = 0.0, seed: int = 0, *, friction: float = 0.8, speed: float = 0.4
+) -> Start:
+    """The quadruped Solo12 on a slope, and random steps if wanted; its controller makes it walk uphill, along x.
+
+    slope: angle [degrees], in [-25, 25]. steps: largest height of the tiles [m], in [0, 0.1]. seed: of their heights.
+    speed: of the walk [m/s], in [0, 0.5].
+    """
+    from signorini.scenes._worlds import Start
+
+    world, q = solo_world(_terrain(slope, steps, seed, friction, speed), friction)
+    return Start(world, q, np.zeros(world.num_v))
+
+
+def solo_controller(simulator: Simulator, start: Start, options: dict[str, Any]) -> Callable[[], None]:
+    """The walk: see `_solo_trot`."""
+    return trot(simulator, **options)
+
+
+def trot(
+    simulator: Simulator,
+    slope: float = 15.0,
+    steps: float = 0.0,
+    seed: int = 0,
+    *,
+    friction: float = 0.8,
+    speed: float = 0.4,
+) -> Trot:
+    """A controller for a simulator of solo_terrain() with the same options."""
+    from signorini.scenes._solo_trot import Trot
+
+    return Trot(simulator, _terrain(slope, steps, seed, friction, speed), friction=friction, speed=speed)
+
+
+def _terrain(slope: float, steps: float, seed: int, friction: float, speed: float) -> Terrain:
+    from signorini.scenes._worlds import _check
+
+    _check(slope=(slope, -25.0, 25.0), steps=(steps, 0.0, 0.1), seed=(seed, 0, 2**63))
+    _check(friction=(friction, 0.1, 10.0), speed=(speed, 0.0, 0.5))
+    return Terrain.random(math.radians(slope), steps, seed)
 
 
 @dataclass(frozen=True)
 class Terrain:
-    """A plane that rises along x, with tiles of random heights on it.
+    """A plane that rises along x through the world's origin, with tiles of random heights on it.
 
-    slope: angle [rad]. tops: (n, m) heights of tiles above the plane, along its normal [m]; the first begins at `start`
-    along the slope, the m of a row lie around its middle line; edge: of a tile [m].
+    slope: angle [rad]. tops: (n, m) heights of the tiles above the plane [m]; rows of m tiles, centred across, one row
+    after the other from `start` on, along the plane. edge: of a tile [m].
     """
 
     slope: float
@@ -36,10 +82,9 @@ class Terrain:
     @staticmethod
     def random(slope: float, steps: float, seed: int, *, length: float = 8.0, width: float = 1.8) -> Terrain:
         """Tiles with heights uniform in [0, steps] [m]; none if steps is 0."""
-        terrain = Terrain(slope)
         if steps == 0.0:
-            return terrain
-        shape = math.ceil(length / terrain.edge), math.ceil(width / terrain.edge)
+            return Terrain(slope)
+        shape = math.ceil(length / Terrain.edge), math.ceil(width / Terrain.edge)
         return Terrain(slope, np.random.default_rng(seed).uniform(0.0, steps, shape))
 
     @property
@@ -56,10 +101,8 @@ class Terrain:
         """z of the surface above (x, y) in the world [m]."""
         c, s = math.cos(self.slope), math.sin(self.slope)
         top = 0.0
-        for _ in range(3 if self.slope and self.tops.size else 1):  # tiles are upright to the slope, not to the world
-            top = self.top(x / c + s / c * top, y)
-        if not self.slope:
-            return top
+        for _ in range(3 if self.slope else 1):  # tiles are upright to the slope, not to the world
+            top = self.top((x + s * top) / c, y)
         return (top + x * s) / c
 
     def top(self, along: float, across: float) -> float:

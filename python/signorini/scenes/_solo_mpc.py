@@ -1,18 +1,12 @@
 """Model-predictive control of contact forces: a legged robot as one rigid body, planned by a quadratic program.
 
-Convex MPC as in Di Carlo, Wensing, Katz, Bledt, Kim 2018 ("Dynamic locomotion in the MIT Cheetah 3 through convex
-model-predictive control"), with two differences. Orientation is a rotation vector from the reference instead of Euler
-angles, so that a steep reference is as good as a level one. And the moment of the forces is linearised about forces
-that carry the weight, which keeps the term that tips a body over whose centre of mass leaves its feet:
-
-    phi' = w,   e' = v - v_ref,   w' = I^-1 (sum_i l_i x f_i + F x e),   v' = sum_i f_i / m + g     (M1)
-
-phi: R = exp(phi) R_ref, world axes; e: centre of mass from its reference; w, v: velocities; l_i: foot i from the
-reference of the centre of mass; F = -m g. The system is nilpotent, so its exact discretisation is a cubic (M2).
+After the convex MPC of Di Carlo, Wensing, Katz, Bledt and Kim (IROS 2018), linearised about a reference of any slope
+and about forces that carry the weight; docs/walking.md has the equations (W1) to (W4).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,20 +20,30 @@ NUM_STATES = 12  # phi, e, w, v
 def skew(a: Array) -> Array:
     """Matrices of the cross product, (..., 3) -> (..., 3, 3)."""
     out = np.zeros((*a.shape, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -a[..., 2], a[..., 1], -a[..., 0]
+    out[..., 2, 1], out[..., 0, 2], out[..., 1, 0] = a[..., 0], a[..., 1], a[..., 2]
     return out - np.swapaxes(out, -1, -2)
+
+
+def rotation_vector(rotation: Array) -> Array:
+    """Axis times angle of a rotation of less than half a turn, (3, 3) -> (3,)."""
+    sine = 0.5 * np.array([rotation[2, 1], rotation[0, 2], rotation[1, 0]])
+    sine -= 0.5 * np.array([rotation[1, 2], rotation[2, 0], rotation[0, 1]])
+    length = math.sqrt(sine @ sine)
+    angle = math.atan2(length, 0.5 * (float(np.trace(rotation)) - 1.0))
+    return sine * (angle / length if length > 1e-12 else 1.0)
 
 
 @dataclass(frozen=True)
 class Body:
-    """The robot as one rigid body: mass [kg]; inertia about its centre of mass, world axes (3, 3) [kg m^2]."""
+    """The robot as one rigid body: mass [kg]; inertia (3, 3): about its centre of mass, world axes [kg m^2]; gravity
+    (3,) [m/s^2]."""
 
     mass: float
     inertia: Array
     gravity: Array
 
     def dynamics(self, levers: Array, reference_velocity: Array, dt: float) -> tuple[Array, Array, Array]:
-        """(M1) over dt under constant forces: x+ = A x + B_k f + c.
+        """(W1) over dt under constant forces, exactly: x+ = A x + B_k f + c (W2).
 
         levers: (steps, feet, 3) [m]; reference_velocity: (3,) of the centre of mass. A: (12, 12); B: (steps, 12,
         3 feet); c: (12,).
@@ -55,7 +59,7 @@ class Body:
         drift = np.zeros(NUM_STATES)
         drift[3:6], drift[9:12] = -reference_velocity, self.gravity
         square = rate @ rate
-        held = np.eye(NUM_STATES) + dt / 2 * rate + dt**2 / 6 * square + dt**3 / 24 * square @ rate  # (M2)
+        held = np.eye(NUM_STATES) + dt / 2 * rate + dt**2 / 6 * square + dt**3 / 24 * square @ rate
         return (
             np.eye(NUM_STATES) + dt * rate @ held,
             dt * held @ push.reshape(steps, NUM_STATES, 3 * feet),
@@ -65,7 +69,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Limits:
-    """friction: of the pyramid inside the cone, |f_t1|, |f_t2| <= friction f_n. lowest, highest: normal force [N]."""
+    """Of one force (W3). friction: |f_t1|, |f_t2| <= friction f_n. lowest, highest: f_n [N]."""
 
     friction: float
     lowest: float
@@ -85,7 +89,7 @@ class Limits:
 class Plan:
     """forces: (steps, feet, 3) [N], zero in the air; states: (steps, 12) after each step, as predicted.
 
-    solved: what the QP solver says; primal, dual: largest violations of the optimality conditions; variables: of the QP.
+    solved: as the QP solver says; primal, dual: largest violations of the QP's optimality conditions.
     """
 
     forces: Array
@@ -94,15 +98,14 @@ class Plan:
     primal: float
     dual: float
     iterations: int
-    variables: int
 
 
 @dataclass(frozen=True)
 class ForcePlanner:
-    """min sum_k |x_k|^2_Q + |f_k - share_k|^2_R, the state eliminated, over forces of feet on the ground inside `limits`.
+    """The quadratic program (W4): state eliminated, forces of the feet on the ground as unknowns.
 
-    dt: of one step of the plan [s]. state_weights: diagonal of Q (12,), on deviations from the reference; force_weight:
-    of R [1/N^2]; share: the weight, divided by the feet on the ground. reference_spin... see plan().
+    dt: of one step of a plan [s]. state_weights: (12,), of deviations from the reference; force_weight: of those from
+    an equal share of the weight [1/N^2]. tolerance: on the QP's optimality conditions.
     """
 
     dt: float
@@ -120,8 +123,8 @@ class ForcePlanner:
         normal: Array,
         reference_velocity: Array,
     ) -> Plan:
-        """state: (12,) now; levers: (steps, feet, 3); contact: (steps, feet); reference_velocity: (3,), of the mass'
-        centre; angular velocity and rotation vector are to be zero."""
+        """state: (12,) now; levers: (steps, feet, 3), feet from the reference of the centre of mass [m]; contact:
+        (steps, feet), who stands; normal: (3,) of the ground; reference_velocity: (3,) of the centre of mass [m/s]."""
         steps, feet = contact.shape
         A, B, c = body.dynamics(levers, reference_velocity, self.dt)
         used = np.repeat(contact.ravel(), 3)  # of all (step, foot, axis)
@@ -146,11 +149,10 @@ class ForcePlanner:
             H[:done, :done] += weighted @ E[:, :done]
             h[:done] += weighted @ (x - wanted)
         rows, lower, upper = self.limits.rows(normal)
-        C = np.kron(np.eye(size // 3), rows)
+        C: Array = np.kron(np.eye(size // 3), rows)
         result = _solve(H, h, C, np.tile(lower, size // 3), np.tile(upper, size // 3), self.tolerance)
-        forces = np.zeros(steps * feet * 3)
-        forces[used] = result.x
-        forces = forces.reshape(steps, feet, 3)
+        forces = np.zeros((steps, feet, 3))
+        forces[contact] = result.x.reshape(-1, 3)
         states = [state]
         for k in range(steps):
             states.append(A @ states[-1] + B[k] @ forces[k].ravel() + c)
@@ -162,7 +164,6 @@ class ForcePlanner:
             primal=float(info.pri_res),
             dual=float(info.dua_res),
             iterations=int(info.iter),
-            variables=size,
         )
 
 

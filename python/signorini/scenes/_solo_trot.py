@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from signorini.scenes._solo import FOOT_RADIUS, HEIGHT, KNEES, LEGS, STANCE, Terrain, foothold
-from signorini.scenes._solo_mpc import Body, ForcePlanner, Limits, Plan
+from signorini.scenes._solo_mpc import Body, ForcePlanner, Limits, Plan, rotation_vector
 
 if TYPE_CHECKING:
     from signorini._simulation import Simulator
@@ -47,8 +47,10 @@ class Gait:
 
 @dataclass(frozen=True)
 class Gains:
-    """clearance: of a swinging foot over where it starts and ends [m]. swing: frequency of its error [rad/s]. damping: of
-    a foot on the ground [N s/m]. raibert: of footholds on the error of velocity [s]. torque: limit of the drives [N m]."""
+    """clearance: of a swinging foot over where it starts and ends [m]. swing: frequency of its error [rad/s].
+
+    damping: of a foot on the ground [N s/m]. raibert: of footholds on the error of velocity [s]. torque: limit [N m].
+    """
 
     clearance: float = 0.05
     swing: float = 60.0
@@ -60,8 +62,10 @@ class Gains:
 class Trot:
     """Called before every step of a simulator, sets its control so that Solo12 walks along x.
 
-    plans: all that were made; each is kept for `plan_every` steps.
+    plan: what is being done; num_plans, unsolved_plans, worst_residual: of all quadratic programs so far.
     """
+
+    plan: Plan
 
     def __init__(
         self,
@@ -76,12 +80,13 @@ class Trot:
         plan_every: int = 10,
         horizon: int = 16,
     ) -> None:
-        """friction: of the ground. speed: along x [m/s]. plan_every: steps of the simulator; horizon: steps of a plan."""
+        """friction: of the ground. speed: along x [m/s]. plan_every: steps of the simulator from plan to plan, where no
+        foot comes down between; horizon: steps of a plan."""
         self.simulator, self.terrain, self.speed = simulator, terrain, speed
         self.gait, self.gains = gait or Gait(), gains or Gains()
         self.planner = planner or ForcePlanner(0.02, WEIGHTS, 1e-3, Limits(friction / math.sqrt(2.0), 1.0, 25.0))
         self.plan_every, self.horizon = plan_every, horizon
-        self.plans: list[Plan] = []
+        self.num_plans, self.unsolved_plans, self.worst_residual = 0, 0, 0.0
         self.ticks, self.clock, self.waited = 0, 0.0, 0.0
         world = simulator.world
         names = [[f"{leg}_{joint}" for joint in ("HAA", "HFE", "KFE")] for leg in LEGS]
@@ -107,7 +112,10 @@ class Trot:
                 phase = self.gait.phase(leg, self.clock)
                 if self.swinging[leg] and 0.0 <= phase < 0.6:
                     self.goal[leg] = self._choose(leg, phase)
-            self.plans.append(self._plan())
+            self.plan = self._plan()
+            self.num_plans += 1
+            self.unsolved_plans += not self.plan.solved
+            self.worst_residual = max(self.worst_residual, self.plan.primal, self.plan.dual)
         self._drive()
         self.ticks += 1
         self._advance()
@@ -185,8 +193,12 @@ class Trot:
             + 0.5 * self.gait.stance * self.wanted_velocity
             + self.gains.raibert * (self.velocity - self.wanted_velocity)
         )[:2]
-        before = self.goal[leg]
-        if phase > 0.0 and math.hypot(before[0] - x, before[1] - y) < 0.03 and self.terrain.free(*before[:2], KNEES[leg]):
+        before: Array = self.goal[leg]
+        if (
+            phase > 0.0
+            and math.hypot(before[0] - x, before[1] - y) < 0.03
+            and self.terrain.free(before[0], before[1], KNEES[leg])
+        ):
             return before
         for radius in (0.0, 0.02, 0.04, 0.06, 0.08):
             for angle in np.arange(8 if radius else 1) * math.pi / 4.0:
@@ -197,10 +209,8 @@ class Trot:
 
     def _plan(self) -> Plan:
         """Forces over the horizon, with the gait's schedule and the footholds that go with it."""
-        from scipy.spatial.transform import Rotation
-
         step, gait, clock = self.planner.dt, self.gait, self.clock
-        turned = Rotation.from_matrix(self.rotation @ self.wanted_rotation.T).as_rotvec()
+        turned = rotation_vector(self.rotation @ self.wanted_rotation.T)
         state = np.concatenate([turned, self.centre - self.wanted_centre, self.spin, self.velocity])
         times = (np.arange(self.horizon) + 0.5) * step
         centres = self.wanted_centre + times[:, None] * self.wanted_velocity
@@ -229,7 +239,7 @@ class Trot:
         """Feet on the ground press as planned, -J' f; others are accelerated along their way; legs carry themselves."""
         M, simulator = self.mass_matrix, self.simulator
         gravity = -M[:, :3] @ (self.rotation.T @ simulator.world.gravity)  # as if the base were accelerated upwards
-        forces = self.plans[-1].forces[0]
+        forces = self.plan.forces[0]
         for leg in range(4):
             at = self.joints[leg]
             J = self.jacobians[leg][:, at]
@@ -254,13 +264,14 @@ class Trot:
             way = (start[2], top, phase, 0.0, 0.5) if phase < 0.5 else (top, goal[2], phase, 0.5, 1.0)
             place[2], speed[2], push[2] = _between(*way, duration)
         w = self.gains.swing
-        return push + w**2 * (place - self.places[leg]) + 2.0 * w * (speed - self.speeds[leg])
+        pull: Array = w**2 * (place - self.places[leg]) + 2.0 * w * (speed - self.speeds[leg])
+        return push + pull
 
 
 def _between(
     start: npt.ArrayLike, end: npt.ArrayLike, phase: float, first: float, last: float, duration: float
 ) -> tuple[Array, Array, Array]:
-    """Quintic from start to end while phase goes from first to last, at rest at both; with velocity and acceleration."""
+    """Quintic from start to end while phase goes from first to last, at rest at both: place, velocity, acceleration."""
     a, way = np.asarray(start), np.asarray(end) - np.asarray(start)
     s, rate = min(max((phase - first) / (last - first), 0.0), 1.0), 1.0 / ((last - first) * duration)
     return (
