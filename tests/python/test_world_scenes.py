@@ -8,7 +8,7 @@ from signorini import InvalidInputError
 from signorini.scenes import worlds
 
 BUILT_IN = ("cube-stack", "spheres", "boxes")
-ROBOTS = ("humanoid", "talos-fall", "talos-wall", "ur5", "ur5-wall")
+ROBOTS = ("humanoid", "solo-terrain", "talos-fall", "talos-wall", "ur5", "ur5-wall")
 
 
 def started(name, **options):

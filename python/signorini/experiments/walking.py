@@ -39,8 +39,8 @@ class Walk:
     controller [s]. lowest, highest: base over the ground [m]. steepest: angle between base and slope [degrees]. aside:
     largest distance from the middle line [m]. slip: path of sliding feet [m], all together. cone: largest |f_t| / (mu
     f_n). bumps: steps at which something else than a foot touched. plan_rate: quadratic programs a second [Hz];
-    unsolved_plans of them; worst_residual: of their optimality conditions. torque: largest [N m]. unsolved: steps of the
-    simulator; worst_relative: certificate. path: (n, 5): time, x, height, tilt, speed ahead, every 10 ms.
+    unsolved_plans of them; worst_residual: of their optimality conditions. torque: largest [N m]. unsolved: steps of
+    the simulator; worst_relative: certificate. path: (n, 5): time, x, height, tilt, speed ahead, every 10 ms.
     """
 
     distance: float

@@ -149,7 +149,7 @@ class ForcePlanner:
             H[:done, :done] += weighted @ E[:, :done]
             h[:done] += weighted @ (x - wanted)
         rows, lower, upper = self.limits.rows(normal)
-        C: Array = np.kron(np.eye(size // 3), rows)
+        C = np.kron(np.eye(size // 3), rows).astype(np.float64)
         result = _solve(H, h, C, np.tile(lower, size // 3), np.tile(upper, size // 3), self.tolerance)
         forces = np.zeros((steps, feet, 3))
         forces[contact] = result.x.reshape(-1, 3)
