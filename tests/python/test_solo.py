@@ -48,7 +48,7 @@ def balanced(feet):
     return np.linalg.lstsq(rows, np.concatenate([-MASS * GRAVITY, np.zeros(3)]), rcond=None)[0].reshape(4, 3)
 
 
-def rigid_body(state, forces, inertia, dt, parts=20):
+def rigid_body(state, forces, inertia, dt, parts=100):
     """A rigid body pushed at FEET, integrated in small midpoint steps; inertia: at the reference orientation."""
     phi, e, w, v = np.split(np.array(state), 4)
     R = exponential(phi)
@@ -68,7 +68,7 @@ def rigid_body(state, forces, inertia, dt, parts=20):
 
 
 def test_the_planner_s_dynamics_are_the_derivative_of_a_rigid_body():
-    model, forces, dt, step = body(), balanced(FEET), 0.03, 1e-4
+    model, forces, dt, step = body(), balanced(FEET), 0.1, 1e-4
     A, B, c = model.dynamics(FEET[None], np.zeros(3), dt)
     still = rigid_body(np.zeros(12), forces, model.inertia, dt)
     np.testing.assert_allclose(still, 0.0, atol=1e-12)
@@ -76,10 +76,12 @@ def test_the_planner_s_dynamics_are_the_derivative_of_a_rigid_body():
     for k in range(12):
         change = step * np.eye(12)[k]
         forward, back = (rigid_body(s * change, forces, model.inertia, dt) for s in (1.0, -1.0))
-        np.testing.assert_allclose(A[:, k], (forward - back) / (2 * step), atol=2e-5, err_msg=f"state {k}")
+        np.testing.assert_allclose(A[:, k], (forward - back) / (2 * step), rtol=1e-4, atol=1e-6, err_msg=f"state {k}")
         push = change.reshape(4, 3)
         forward, back = (rigid_body(np.zeros(12), forces + s * push, model.inertia, dt) for s in (1.0, -1.0))
-        np.testing.assert_allclose(B[0][:, k], (forward - back) / (2 * step), atol=2e-5, err_msg=f"force {k}")
+        np.testing.assert_allclose(
+            B[0][:, k], (forward - back) / (2 * step), rtol=1e-4, atol=1e-6, err_msg=f"force {k}"
+        )
 
 
 def test_rotation_vector():
@@ -96,7 +98,7 @@ def planner(**changes):
                            **changes})  # fmt: skip
 
 
-def test_a_plan_obeys_its_limits_and_nothing_near_is_better():
+def test_a_plan_obeys_its_limits_and_nothing_is_better():
     pytest.importorskip("proxsuite")
     model, steps = body(), 8
     contact = np.ones((steps, 4), dtype=bool)
@@ -134,13 +136,20 @@ def test_a_plan_obeys_its_limits_and_nothing_near_is_better():
             total += used.force_weight * ((all_forces[k] - weight[k]) ** 2)[contact[k]].sum()
         return total
 
-    best, random = cost(plan.forces), np.random.default_rng(2)
-    for _ in range(50):  # towards other forces that obey the limits
-        other = np.zeros_like(plan.forces)
-        amounts = random.uniform(limits.lowest, limits.highest, contact.sum())
-        other[contact] = amounts[:, None] * normal
-        for t in (1e-4, 1e-2, 1.0):
-            assert cost(plan.forces + t * (other - plan.forces)) > best - 1e-6 * t
+    # The cost is convex: no forces within the limits are better by more than the gap of Frank and Wolfe, whose linear
+    # problem is solved by corners of each foot's pyramid.
+    step = 1e-3
+    gradient = np.zeros_like(plan.forces)
+    for index in zip(*np.nonzero(np.repeat(contact[:, :, None], 3, axis=2)), strict=True):
+        change = np.zeros_like(plan.forces)
+        change[index] = step
+        gradient[index] = (cost(plan.forces + change) - cost(plan.forces - change)) / (2 * step)
+    t2 = np.cross(normal, across) / np.linalg.norm(across)
+    sides = [a * across / np.linalg.norm(across) + b * t2 for a in (-1, 1) for b in (-1, 1)]
+    corners = [n * (normal + limits.friction * side) for n in (limits.lowest, limits.highest) for side in sides]
+    best = gradient[contact] @ np.array(corners).T
+    gap = (gradient[contact] * forces).sum() - best.min(axis=1).sum()
+    assert -1e-4 < gap < 1e-3 * cost(plan.forces)
 
 
 @robot
@@ -200,6 +209,26 @@ def test_it_walks(terrain):
     assert done.unsolved_plans == 0
     assert done.worst_residual <= 1e-6
     assert done.torque <= 2.7
+
+
+@robot
+def test_it_recovers_from_a_push():
+    """1.2 N s from the side, half of its mass times 1 m/s; later it is back on its line."""
+    pytest.importorskip("proxsuite")
+    start = worlds()["solo-terrain"](slope=0.0)
+    simulator = signorini.Simulator(start.world)
+    simulator.state.q = start.q
+    control = trot(simulator, slope=0.0)
+    for k in range(2400):
+        simulator.set_external_wrench("base_link", force=(0.0, 12.0 if 600 <= k < 700 else 0.0, 0.0))
+        control()
+        simulator.step()
+        assert simulator.state.q[2] > 0.19
+        if k == 700:
+            assert control.velocity[1] > 0.1
+    assert abs(control.velocity[1]) < 0.05
+    assert abs(simulator.state.q[1]) < 0.02
+    assert simulator.report.unsolved == 0
 
 
 @robot
