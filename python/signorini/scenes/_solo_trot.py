@@ -47,7 +47,7 @@ class Gait:
 
 @dataclass(frozen=True)
 class Gains:
-    """clearance: of a swinging foot over where it starts and ends [m]. swing: frequency of its error [rad/s].
+    """clearance: of a swinging foot over the highest ground on its way [m]. swing: frequency of its error [rad/s].
 
     damping: of a foot on the ground [N s/m]. raibert: of footholds on the error of velocity [s]. torque: limit [N m].
     """
@@ -102,6 +102,7 @@ class Trot:
         self._observe()
         self.left = self.places.copy()  # where each foot stood last
         self.goal = self.places.copy()  # where it goes
+        self.crest = self.places[:, 2].copy()  # and how high it must be on its way at least
 
     def __call__(self) -> None:
         self._observe()
@@ -112,6 +113,7 @@ class Trot:
                 phase = self.gait.phase(leg, self.clock)
                 if self.swinging[leg] and 0.0 <= phase < 0.6:
                     self.goal[leg] = self._choose(leg, phase)
+                    self.crest[leg] = self._crest(leg)
             self.plan = self._plan()
             self.num_plans += 1
             self.unsolved_plans += not self.plan.solved
@@ -207,6 +209,12 @@ class Trot:
                     return foothold(self.terrain, *at)
         return foothold(self.terrain, x, y)
 
+    def _crest(self, leg: int) -> float:
+        """Height of a foot that just touches the highest ground between where it stood and where it goes."""
+        start, way = self.left[leg], self.goal[leg] - self.left[leg]
+        between = [foothold(self.terrain, *(start + share * way)[:2])[2] for share in np.linspace(0.0, 1.0, 6)]
+        return float(max(start[2], *between))
+
     def _plan(self) -> Plan:
         """Forces over the horizon, with the gait's schedule and the footholds that go with it."""
         step, gait, clock = self.planner.dt, self.gait, self.clock
@@ -259,7 +267,7 @@ class Trot:
             place[:2], place[2], speed[2] = goal[:2], self.places[leg, 2], -0.5
         else:
             duration = self.gait.swing
-            top = max(start[2], goal[2]) + self.gains.clearance
+            top = self.crest[leg] + self.gains.clearance
             place[:2], speed[:2], push[:2] = _between(start[:2], goal[:2], phase, 0.15, 0.85, duration)
             way = (start[2], top, phase, 0.0, 0.5) if phase < 0.5 else (top, goal[2], phase, 0.5, 1.0)
             place[2], speed[2], push[2] = _between(*way, duration)
