@@ -120,8 +120,10 @@ class Terrain:
         along = x * math.cos(self.slope) + self.height(x, y) * math.sin(self.slope)
         top = self.top(along, y)
         around = [self.top(along + dx, y + dy) for dx in (-0.035, 0.035) for dy in (-0.035, 0.035)]
-        under = [self.top(along + knee * dx, y) for dx in (0.045, 0.07)]
-        return all(abs(other - top) < 1e-3 for other in around) and max(under) < top + 1e-3
+        if max(around) - top > 1e-3 or top - min(around) > 1e-3:
+            return False
+        shin = ((0.045, 0.0), (0.07, 0.0), (0.10, 0.04), (0.13, 0.04))  # as flat as it gets: distance, height
+        return all(self.top(along + knee * dx, y) <= top + most + 1e-3 for dx, most in shin)
 
     def add_to(self, builder: WorldBuilder, material: Material) -> list[int]:
         """Adds plane and tiles; returns the indices of their geometries."""
