@@ -87,17 +87,12 @@ class Limits:
 
 @dataclass(frozen=True)
 class Plan:
-    """forces: (steps, feet, 3) [N], zero in the air; states: (steps, 12) after each step, as predicted.
-
-    solved: as the QP solver says; primal, dual: largest violations of the QP's optimality conditions.
-    """
+    """forces: (steps, feet, 3) [N], zero in the air. solved: as the QP solver says; residual: largest violation of the
+    QP's optimality conditions."""
 
     forces: Array
-    states: Array
     solved: bool
-    primal: float
-    dual: float
-    iterations: int
+    residual: float
 
 
 @dataclass(frozen=True)
@@ -153,18 +148,8 @@ class ForcePlanner:
         result = _solve(H, h, C, np.tile(lower, size // 3), np.tile(upper, size // 3), self.tolerance)
         forces = np.zeros((steps, feet, 3))
         forces[contact] = result.x.reshape(-1, 3)
-        states = [state]
-        for k in range(steps):
-            states.append(A @ states[-1] + B[k] @ forces[k].ravel() + c)
         info = result.info
-        return Plan(
-            forces=forces,
-            states=np.stack(states[1:]),
-            solved=info.status.name == "PROXQP_SOLVED",
-            primal=float(info.pri_res),
-            dual=float(info.dua_res),
-            iterations=int(info.iter),
-        )
+        return Plan(forces, info.status.name == "PROXQP_SOLVED", float(max(info.pri_res, info.dua_res)))
 
 
 def _solve(H: Array, h: Array, C: Array, lower: Array, upper: Array, tolerance: float) -> Any:

@@ -34,11 +34,9 @@ class Gait:
 
     def phase(self, leg: int, clock: float) -> float:
         """Share of the swing done, in [0, 1); negative on the ground."""
-        if clock < self.start:
-            return -1.0
-        into = (clock - self.start - self.offsets[leg] * self.period) % self.period
-        first = clock - self.start < self.offsets[leg] * self.period
-        return into / self.swing if into < self.swing and not first else -1.0
+        since = clock - self.start - self.offsets[leg] * self.period
+        into = since % self.period
+        return into / self.swing if since >= 0.0 and into < self.swing else -1.0
 
     @property
     def stance(self) -> float:
@@ -117,7 +115,7 @@ class Trot:
             self.plan = self._plan()
             self.num_plans += 1
             self.unsolved_plans += not self.plan.solved
-            self.worst_residual = max(self.worst_residual, self.plan.primal, self.plan.dual)
+            self.worst_residual = max(self.worst_residual, self.plan.residual)
         self._drive()
         self.ticks += 1
         self._advance()
@@ -225,17 +223,16 @@ class Trot:
         contact = np.zeros((self.horizon, 4), dtype=bool)
         levers = np.zeros((self.horizon, 4, 3))
         for leg in range(4):
-            stands, goal = not self.swinging[leg], self.goal[leg]
+            stands, phase = not self.swinging[leg], gait.phase(leg, clock)
             down = np.array([gait.phase(leg, clock + time) < 0.0 for time in times])
-            phase = gait.phase(leg, clock)
-            if stands and phase >= 0.0:  # early: stays down
+            if stands and phase >= 0.0:  # came down early, and stays
                 down[times < (1.0 - phase) * gait.swing] = True
             down[0] = stands
             contact[:, leg] = down
-            flights = np.cumsum(np.diff(np.concatenate([[stands], down]).astype(int)) == -1) + (not stands)
+            lifts = np.cumsum(np.diff(down, prepend=stands) & ~down)  # until then, from now on
             for k in range(self.horizon):
-                at = self.places[leg] if flights[k] == 0 else goal
-                if flights[k] > (not stands):
+                at = self.places[leg] if stands else self.goal[leg]
+                if lifts[k]:
                     ahead = centres[k] - self.centre + self.base + self.wanted_rotation @ self.stance[leg]
                     at = foothold(self.terrain, ahead[0], ahead[1])
                 levers[k, leg] = at - centres[k]
