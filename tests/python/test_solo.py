@@ -232,7 +232,7 @@ def test_it_recovers_from_a_push():
 
 
 @robot
-def test_the_command_walks_it_and_replays(tmp_path):
+def test_the_command_walks_it_the_same_way_each_time(tmp_path):
     pytest.importorskip("proxsuite")
     file = tmp_path / "walk.h5"
     arguments = ["run", "solo-terrain", "--duration", "0.6", "--option", "slope=5", "--record", str(file)]
@@ -243,6 +243,8 @@ def test_the_command_walks_it_and_replays(tmp_path):
     assert (np.ptp(held.control, axis=0) > 0.1).all()
     result = CliRunner().invoke(app, ["replay", str(file), "--verify"])
     assert result.exit_code == 0, result.output
+    CliRunner().invoke(app, arguments)
+    assert signorini.recording.read(file).state_hash == held.state_hash  # the QP solver's last bits play no part
 
 
 @robot

@@ -147,7 +147,7 @@ class ForcePlanner:
         C = np.kron(np.eye(size // 3), rows).astype(np.float64)
         result = _solve(H, h, C, np.tile(lower, size // 3), np.tile(upper, size // 3), self.tolerance)
         forces = np.zeros((steps, feet, 3))
-        forces[contact] = result.x.reshape(-1, 3)
+        forces[contact] = np.round(result.x, 6).reshape(-1, 3)  # its last bits are not the same in every run
         info = result.info
         return Plan(forces, info.status.name == "PROXQP_SOLVED", float(max(info.pri_res, info.dua_res)))
 
