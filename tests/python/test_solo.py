@@ -203,7 +203,7 @@ def test_it_walks(terrain):
     assert done.aside < 0.05
     assert done.unsolved == 0
     assert done.worst_relative <= 1e-6
-    assert done.cone <= 1.0 + 1e-5  # forces of the simulator, against its friction
+    assert done.cone <= 1e-5  # [N], of the simulator's forces outside its friction cones
     assert done.slip < 0.02
     assert done.plan_rate >= 50.0
     assert done.unsolved_plans == 0

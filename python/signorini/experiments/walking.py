@@ -28,6 +28,7 @@ MORE = {
     "down 15": {"slope": -15.0},
     "slope 25": {"slope": 25.0},
     **{f"steps 8 cm, seed {seed}": {"slope": 0.0, "steps": 0.08, "seed": seed} for seed in range(5)},
+    **{f"slope 15, steps 8 cm, seed {seed}": {"slope": 15.0, "steps": 0.08, "seed": seed} for seed in range(3)},
 }
 
 
@@ -37,8 +38,8 @@ class Walk:
 
     distance: horizontal [m]. duration: simulated [s]; cpu, control_cpu: processor time of all of it, and of the
     controller [s]. lowest, highest: base over the ground [m]. steepest: angle between base and slope [degrees]. aside:
-    largest distance from the middle line [m]. slip: path of sliding feet [m], all together. cone: largest |f_t| / (mu
-    f_n). bumps: steps at which something else than a foot touched. plan_rate: quadratic programs a second [Hz];
+    largest distance from the middle line [m]. slip: path of sliding feet [m], all together. cone: largest |f_t| - mu
+    f_n [N]. bumps: steps at which something else than a foot touched. plan_rate: quadratic programs a second [Hz];
     unsolved_plans of them; worst_residual: of their optimality conditions. torque: largest [N m]. unsolved: steps of
     the simulator; worst_relative: certificate. path: (n, 5): time, x, height, tilt, speed ahead, every 10 ms.
     """
@@ -76,7 +77,7 @@ def walk(distance: float, *, friction: float = 0.8, **options: Any) -> Walk:
     terrain = control.terrain
     feet = {f"{leg}-ball" for leg in LEGS}
     heights, tilts, asides, relatives, path = [], [], [], [], []
-    slip, cone, bumps, torque, control_cpu = 0.0, 0.0, 0, 0.0, 0.0
+    slip, cone, bumps, torque, control_cpu = 0.0, -math.inf, 0, 0.0, 0.0
     began = time.process_time()
     while simulator.state.time < PATIENCE:
         before = time.process_time()
@@ -94,7 +95,7 @@ def walk(distance: float, *, friction: float = 0.8, **options: Any) -> Walk:
             if contact.mode == "open":
                 continue
             tangent, normal = math.hypot(*contact.force_local[:2]), float(contact.force_local[2])
-            cone = max(cone, tangent / (friction * normal) if normal > 1e-9 else math.inf)
+            cone = max(cone, tangent - friction * normal)
             bumped |= not {contact.geometry_a, contact.geometry_b} & feet
             if contact.mode == "slide":
                 slip += math.hypot(*contact.velocity[:2]) * simulator.settings.time_step

@@ -196,7 +196,7 @@ class Trot:
         before: Array = self.goal[leg]
         if (
             phase > 0.0
-            and math.hypot(before[0] - x, before[1] - y) < 0.03
+            and math.hypot(before[0] - x, before[1] - y) < 0.03 + 0.1 * phase  # the later, the less it changes its mind
             and self.terrain.free(before[0], before[1], KNEES[leg])
         ):
             return before
