@@ -91,6 +91,6 @@ $(venv)/tools: pyproject.toml | $(venv)/bin/uv
 # Python sources are used in place (editable); the extension is built again when C++ changed.
 $(venv)/installed: $(venv)/tools $(sources)
 	$(bin)/uv pip install --quiet --no-build-isolation -Cbuild-dir=build/python -Ccmake.define.SIGNORINI_BUILD_TESTS=ON \
-	  --editable ".[meshes,mjcf,peers,plots,robots,test,view]"
+	  --editable ".[control,meshes,mjcf,peers,plots,robots,test,view]"
 	$(bin)/uv pip install --quiet --no-deps "dm_control>=1.0.30" || true  # for its robot files, which tests read if they can
 	touch $@

@@ -7,7 +7,17 @@ import pytest
 from typer.testing import CliRunner
 
 import signorini
-from signorini import ContactProblem, Equality, FrictionCone, HalfLine, Interval, fclib
+from signorini import (
+    Box,
+    ContactProblem,
+    Equality,
+    FrictionCone,
+    HalfLine,
+    Interval,
+    Joint,
+    WorldBuilder,
+    fclib,
+)
 from signorini._hardest import Hardest, as_contacts
 from signorini.cli.main import app
 
@@ -44,6 +54,31 @@ def test_they_are_the_costliest_of_the_run_and_what_was_solved():
         again.state.q, again.state.v = q, v
         again.run(step + 1)
         assert np.array_equal(again.contact_problem().free_velocity, problem.free_velocity), (cost, step)
+
+
+def test_steps_under_a_controller_are_repeated_under_its_controls():
+    builder = WorldBuilder()
+    builder.add_ground()
+    builder.add_body("sled", joints=[Joint("sled", "free")], position=(0, 0, 0.1), mass=1.0, inertia=np.eye(3) / 60)
+    builder.add_geometry("sled", Box((0.1, 0.1, 0.1)))
+    builder.add_motor("push", "sled")
+    simulator = signorini.Simulator(builder.build())
+
+    def push():
+        simulator.control[0] += 0.1
+
+    hardest = Hardest(simulator, count=20)
+    hardest.watch()
+    trace = simulator.run(20, controller=push)
+    hardest.add(trace)
+    assert len(hardest._kept) == 20
+    simulator.reset()
+    problems = {-minus: problem for _, minus, problem in hardest._kept}
+    for step in range(20):
+        simulator.control = 0.1 * (step + 1)
+        simulator.step()
+        wanted = simulator.contact_problem().free_velocity
+        np.testing.assert_allclose(problems[step].free_velocity, wanted, atol=1e-12)
 
 
 def test_run_writes_files_that_solve_reads(tmp_path):

@@ -8,7 +8,7 @@ from signorini import InvalidInputError
 from signorini.scenes import worlds
 
 BUILT_IN = ("cube-stack", "cube-wall", "spheres", "boxes", "capsules-box", "chain", "cable")
-ROBOTS = ("cassie", "humanoid", "talos-fall", "talos-wall", "ur5", "ur5-wall", "allegro-cubes")
+ROBOTS = ("cassie", "humanoid", "solo-terrain", "talos-fall", "talos-wall", "ur5", "ur5-wall", "allegro-cubes")
 
 
 def started(name, **options):

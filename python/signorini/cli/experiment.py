@@ -176,6 +176,14 @@ def inverse(output: Output, quick: Quick = False) -> None:
     _run(experiment.run, _options(output, None, quick, None, False, None))
 
 
+@app.command()
+def walking(output: Output, quick: Quick = False) -> None:
+    """The quadruped Solo12 under model-predictive control, up a slope and over random steps."""
+    from signorini.experiments import walking as experiment
+
+    _run(experiment.run, _options(output, None, quick, None, False, None))
+
+
 def _options(
     output: Path,
     data: Path | None,

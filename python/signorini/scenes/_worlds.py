@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from signorini._core import InvalidInputError
+from signorini.scenes._solo import solo_controller, solo_terrain
 
 if TYPE_CHECKING:
     from signorini._simulation import Simulator
@@ -439,6 +440,14 @@ _SCENES = (
     WorldScene("ur5", "arm swings unactuated, self-collision on", 2.0, f"{PAPER}, Fig. 6; example-robot-data", ur5),
     WorldScene("ur5-wall", "arm, its tool at a wall", 2.0, f"{PAPER}, Fig. 8; example-robot-data", ur5_wall),
     WorldScene("talos-wall", "humanoid Talos stands, a hand at a wall", 2.0, "example-robot-data", talos_wall),
+    WorldScene(
+        "solo-terrain",
+        "quadruped Solo12 walks up a slope under model-predictive control",
+        15.0,
+        "example-robot-data; Di Carlo et al. 2018",
+        solo_terrain,
+        solo_controller,
+    ),
     WorldScene("spheres", "spheres poured into a bin", 2.0, "built in", spheres),
     WorldScene("boxes", "boxes tipped into a bin", 2.0, "built in", boxes),
 )
