@@ -107,15 +107,31 @@ class Page:
 
     def click(self, words):
         """On the button that says these words."""
-        place = self.evaluate(
-            "(() => {const b = [...document.querySelectorAll('button, label, [role=button]')]"
-            f".find(b => b.innerText.trim() === {json.dumps(words)});"
-            "if (!b) return null; const r = b.getBoundingClientRect();"
-            "return [r.x + r.width / 2, r.y + r.height / 2];})()"
+        box = self._box(
+            "[...document.querySelectorAll('button, label, [role=button]')]"
+            f".find(b => b.innerText.trim() === {json.dumps(words)})"
         )
-        assert place, f"there is no button {words!r}"
-        for kind in ("mousePressed", "mouseReleased"):
-            self.call("Input.dispatchMouseEvent", type=kind, x=place[0], y=place[1], button="left", clickCount=1)
+        assert box, f"there is no button {words!r}"
+        self._press(box, 0.5)
+
+    def place_of(self, selector):
+        """Left, top, width, height of an element, or None."""
+        return self._box(f"document.querySelector({json.dumps(selector)})")
+
+    def press_at(self, selector, share):
+        """Somewhere between the left and the right end of an element."""
+        self._press(self.place_of(selector), share)
+
+    def _box(self, element):
+        return self.evaluate(
+            f"(() => {{const e = {element}; if (!e) return null; const r = e.getBoundingClientRect();"
+            "return [r.x, r.y, r.width, r.height];})()"
+        )
+
+    def _press(self, box, share):
+        at = {"x": box[0] + share * box[2], "y": box[1] + 0.5 * box[3], "button": "left", "clickCount": 1}
+        self.call("Input.dispatchMouseEvent", type="mousePressed", **at)
+        self.call("Input.dispatchMouseEvent", type="mouseReleased", **at)
 
     def picture(self, file=None):
         """Pixels, (height, width, 3) of uint8."""

@@ -128,6 +128,40 @@ def test_contacts_and_energy_are_kept(tmp_path):
     assert np.ptp(held.samples.kinetic + held.samples.potential) < 0.5 * 9.81**2 * 1e-3 * 0.1 * (1 + 1e-6)
 
 
+def test_forces_are_in_world_axes(tmp_path):
+    """A cube rests on a slope: what carries it points straight up."""
+    from signorini import Box, Joint, Material, WorldBuilder
+
+    builder = WorldBuilder()
+    angle, axis = np.radians(15.0), np.array([1.0, 2.0, 0.0]) / np.sqrt(5.0)
+    slope = (*(np.sin(0.5 * angle) * axis), np.cos(0.5 * angle))
+    up = np.cos(angle) * np.array([0, 0, 1.0]) + np.sin(angle) * np.cross(axis, [0, 0, 1.0])
+    builder.add_geometry("world", Box((2.0, 2.0, 0.1)), orientation=slope, material=Material(friction=0.8))
+    builder.add_body(
+        "cube", joints=[Joint("cube", "free")], position=0.2 * up, orientation=slope, mass=2.0, inertia=np.eye(3) / 75
+    )
+    builder.add_geometry("cube", Box((0.1, 0.1, 0.1)), material=Material(friction=0.8))
+    with recording.Recorder(tmp_path / "slope.h5", Simulator(builder.build()), {}) as recorder:
+        recorder.run(200)
+    samples = recording.read(tmp_path / "slope.h5").samples
+    held = samples.contacts_of(len(samples.row) - 1)
+    assert len(held) == 4
+    assert np.allclose(held.normal, up, atol=1e-5)
+    assert np.allclose(held.force.sum(axis=0), [0.0, 0.0, 2.0 * 9.81], atol=1e-3)
+
+
+def test_as_many_steps_count_as_all_data_sets_have(recorded, tmp_path):
+    path = tmp_path / "cut.h5"
+    path.write_bytes(recorded.read_bytes())
+    with h5py.File(path, "r+") as file:
+        file.attrs["complete"] = 0
+        file["penetration"].resize(105, axis=0)
+        file["contacts/gap"].resize(file["samples/last_contact"][7], axis=0)
+    held = recording.read(path)
+    assert (held.num_steps, len(held.q), len(held.control)) == (105, 106, 105)
+    assert held.samples.row.tolist() == list(range(0, 71, 10))
+
+
 def test_a_recording_can_be_drawn_without_its_world(tmp_path):
     """Its meshes, put where they belong, are those of the world, and its joints move them as the world's do."""
     start = scenes.worlds()["boxes"](size=5)

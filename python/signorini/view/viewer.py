@@ -31,6 +31,7 @@ _PLOT_POINTS = 400
 _SPEEDS = {"1/100": 0.01, "1/10": 0.1, "1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0, "4": 4.0}
 _FASTEST = "as fast as it gets"
 _NEVER = -1.0
+_HOLD_SECONDS = 1.5  # an HTML file shows its last frame, before it starts again
 
 
 class Timeline(Protocol):
@@ -465,6 +466,7 @@ def write_html(
             row = int(np.clip(np.searchsorted(times, times[0] + k / fps - 1e-9), 0, len(times) - 1))
             stage.show(timeline.q(row), timeline.contacts(row))
             progress(k / count)
+        serializer.insert_sleep(_HOLD_SECONDS)
         text = serializer.as_html()
     finally:
         stop_server(server)
