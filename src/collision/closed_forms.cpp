@@ -16,8 +16,9 @@ constexpr double kStandingTilt = 1e-5;
 constexpr double kBottom = 0.01;
 constexpr int kBottomVertices = 48;
 constexpr double kAsDeep = 1e-6;
-// Capsules at less than this angle touch along their length.
-constexpr double kParallelSine = 0.1;
+// Capsules at less than this angle touch along their length: the points farther apart than the margin fall away, and
+// those within it keep spinning capsules from turning into each other.
+constexpr double kParallelSine = 0.3;
 
 Vector3 any_normal_to(const Vector3& axis) {
   Vector3 first, second;
