@@ -7,6 +7,7 @@ import numpy as np
 
 import signorini
 from signorini import scenes
+from signorini.scenes._worlds import Start
 from signorini.view.picture import DIRECTION, Forces, Stage, write_png
 
 FOLDER = Path(__file__).parent
@@ -16,6 +17,8 @@ PICTURES = {
     "cube-stack": ("cube-stack", {"slip": 0.3}, 0.3, True, DIRECTION, 0.06),
     "talos-fall": ("talos-fall", {}, 2.0, True, (1.0, -1.1, 0.6), 0.05),
     "spheres": ("spheres", {"size": 140}, 0.8, False, (1.0, -0.8, 0.7), 0.1),
+    "hand": ("allegro-cubes", {}, 1.0, True, (1.0, 0.9, 0.5), 0.05),
+    "solo": ("solo-terrain", {"slope": 15.0, "steps": 0.06, "seed": 1}, 2.0, True, (0.6, -1.0, 0.45), 0.3),
     "ur5": ("ur5-wall", {}, 0.01, True, (-0.75, -1.0, 0.4), 0.12),
 }
 
@@ -29,7 +32,9 @@ def draw(name: str) -> None:
         dt = simulator.settings.time_step
         found = signorini.inverse_dynamics(world, (q, v), v_next=v, dt=dt, impulse_guess=[[0.0, 0.0, 40.0 * dt]])
         simulator.applied_force = found.force
-    simulator.step(max(1, round(time / simulator.settings.time_step)))
+    known = scenes.worlds()[scene]
+    controller = known.controller(simulator, Start(world, q, v), options) if known.controller else None
+    simulator.run(max(1, round(time / simulator.settings.time_step)), controller=controller)
     stage = Stage.of_world(world, size=SIZE)
     state = np.array(simulator.state.q)
     forces = Forces.of(simulator.contacts) if with_forces else None
