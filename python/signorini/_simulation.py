@@ -36,8 +36,8 @@ class SimulatorSettings:
     time_step: [s], in [1e-6, 0.1].
     law: "ncp", Signorini and Coulomb with maximum dissipation, or "ccp", its convex relaxation.
     solver, tolerance, max_iterations, facets, impedance: as for solve(); tolerance on the certificate's relative
-        residual. The models of other engines ("lcp-pgs", "convex-newton", "bisection") leave most steps unsolved, by the
-        certificate of the law.
+        residual, of the law: the models of other engines ("lcp-pgs", "convex-newton", "bisection") leave many steps
+        unsolved.
     on_unsolved: about a step that is not solved: "continue" (and count it in report.unsolved), "warn", "raise".
     baumgarte: share of an overlap of rigid bodies that one step takes back, in [0, 1].
     max_correction_speed: limit of that [m/s, rad/s].

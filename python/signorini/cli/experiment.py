@@ -176,6 +176,14 @@ def inverse(output: Output, quick: Quick = False) -> None:
     _run(experiment.run, _options(output, None, quick, None, False, None))
 
 
+@app.command()
+def models(output: Output, quick: Quick = False) -> None:
+    """Table I: the same scenes under every contact model: creep, hop, force at a distance, overlap, energy, time."""
+    from signorini.experiments import models as experiment
+
+    _run(experiment.run, _options(output, None, quick, None, False, None))
+
+
 def _options(
     output: Path,
     data: Path | None,
