@@ -63,7 +63,7 @@ def _show(console: Console, report: Report) -> None:
     for title, (columns, rows) in report.tables.items():
         table = Table(title=escape(title), title_justify="left")
         for k, column in enumerate(columns):
-            table.add_column(column, justify="left" if k == 0 else "right", no_wrap=True)
+            table.add_column(escape(column), justify="left" if k == 0 else "right", no_wrap=True)
         for row in rows:
             table.add_row(*(escape(cell) for cell in row))
         wide.print(table)
