@@ -404,8 +404,10 @@ def _plot(numbers: dict[str, Any], path: Path) -> Path:
     names = [model.name for model in MODELS]
     colors = [_plots.COLORS["ours" if name == AUTO else "pgs" if "PGS" in name else "other"] for name in names]
     for axis, (title, unit, scene, key, factor) in zip(axes.ravel(), panels, strict=True):
-        axis.barh(names, [max(abs(factor * results[scene][name][key]), 1e-9) for name in names], color=colors)
-        axis.set_xscale("log")
+        values = [max(abs(factor * results[scene][name][key]), 1e-9) for name in names]
+        axis.barh(names, values, color=colors)
+        if max(values) > 100.0 * min(values):
+            axis.set_xscale("log")
         axis.invert_yaxis()
         axis.set_title(title)
         axis.set_xlabel(unit)
