@@ -75,6 +75,10 @@ const char* name(SolverType solver) {
   return "";
 }
 
+bool solves_the_law(SolverType solver) {
+  return solver != SolverType::LcpPgs && solver != SolverType::ConvexNewton && solver != SolverType::Bisection;
+}
+
 const char* name(PenaltyRule rule) {
   switch (rule) {
     case PenaltyRule::Spectral:

@@ -176,6 +176,12 @@ def test_a_world_steps_under_each_model(model):
     assert simulator.report.solver == model.settings.get("solver", simulator.report.solver)
 
 
+@pytest.mark.parametrize("solver", ["lcp-pgs", "convex-newton", "bisection"])
+def test_inverse_dynamics_is_of_the_law(solver):
+    with pytest.raises(signorini.InvalidInputError, match=f"solver: is {solver}, must be one that solves the law"):
+        signorini.InverseDynamics(models.block().world, settings=signorini.SimulatorSettings(solver=solver))
+
+
 def test_creep_of_the_convex_model_is_that_of_its_compliance():
     for impedance in (0.9, 0.99):
         velocity, _, _ = simulate(300, (0.9, 0.0), solver="convex-newton", impedance=impedance)
@@ -183,6 +189,18 @@ def test_creep_of_the_convex_model_is_that_of_its_compliance():
         assert velocity[0] == pytest.approx(expected, rel=1e-3)
     velocity, _, _ = simulate(300, (0.9, 0.0))
     assert abs(velocity[0]) < 1e-12
+
+
+def test_only_the_convex_model_pushes_before_it_touches():
+    """The ball's speed along the ground is 2 m/s: the CCP pushes up to mu v dt away from it, Signorini's law nowhere."""
+    ball = models.Scene("ball", models.sphere, (100, 100), FRICTION)
+    gap = {model.name: models.measure(ball, model, 100)["force_gap"] for model in models.MODELS}
+    for name, found in gap.items():
+        if name.startswith("CCP"):
+            assert 0.7 * FRICTION * 2.0 * 1e-3 < found < FRICTION * 2.0 * 1e-3
+        else:
+            assert found < 1e-6
+    assert gap["CCP, d = .999"] == pytest.approx(gap["CCP, ADMM"], rel=1e-2)
 
 
 def test_pyramids_in_the_simulator():

@@ -75,6 +75,8 @@ struct Settings {
 };
 
 const char* name(SolverType solver);
+/// False for other engines' models of contact.
+bool solves_the_law(SolverType solver);
 const char* name(PenaltyRule rule);
 
 }  // namespace signorini

@@ -183,6 +183,22 @@ BOOST_AUTO_TEST_CASE(each_model_is_solved) {
   }
 }
 
+BOOST_AUTO_TEST_CASE(models_from_the_answer_of_a_problem_nearby) {
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    const Planted planted = plant(seed, 6, Law::Ncp);
+    const Vector free = planted.problem.free_velocity();
+    const ContactProblem nearby(planted.problem.delassus_ptr(), 1.05 * free + 0.02 * Random(seed).vector(free.size()),
+                                planted.problem.sets());
+    for (const Settings& settings : all_models(1e-9)) {
+      Guess guess;
+      guess.impulse = solve(planted.problem, settings).impulse;
+      const Solution warm = solve(nearby, settings, &guess), cold = solve(nearby, settings);
+      BOOST_TEST(warm.model_residual <= 1e-9, name(settings.solver) << ", " << settings.pyramid.facets);
+      BOOST_TEST(matches(warm.velocity, cold.velocity, 1e-6));
+    }
+  }
+}
+
 BOOST_AUTO_TEST_CASE(convex_model_is_the_ccp_of_a_compliant_problem) {
   for (std::uint64_t seed = 1; seed <= 6; ++seed) {
     for (const Operator type : kOperators) {
@@ -232,6 +248,9 @@ BOOST_AUTO_TEST_CASE(statuses_of_models_that_do_not_end) {
     BOOST_TEST(solution.iterations == 1);
     BOOST_TEST(solution.model_residual > 1e-9);
   }
+  Settings just = lcp(4);  // solved by the one sweep that is allowed
+  just.max_iterations = 1;
+  BOOST_TEST((solve(pushed(1.1, kPi / 4.0), just).status == Status::Stalled));
   for (const ContactProblem& problem : unsolvable_problems()) {
     for (Settings settings : all_models(1e-9)) {
       settings.max_iterations = 200;
