@@ -192,7 +192,7 @@ def test_creep_of_the_convex_model_is_that_of_its_compliance():
 
 
 def test_only_the_convex_model_pushes_before_it_touches():
-    """The ball's speed along the ground is 2 m/s: the CCP pushes up to mu v dt away from it, Signorini's law nowhere."""
+    """The ball moves at 2 m/s along the ground: the CCP pushes up to mu v dt away from it, Signorini's law nowhere."""
     ball = models.Scene("ball", models.sphere, (100, 100), FRICTION)
     gap = {model.name: models.measure(ball, model, 100)["force_gap"] for model in models.MODELS}
     for name, found in gap.items():
