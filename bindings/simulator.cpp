@@ -350,6 +350,12 @@ void bind_simulation(nb::module_& m) {
       .def_prop_rw(
           "max_iterations", [](const SimulatorSettings& self) { return self.solver.max_iterations; },
           [](SimulatorSettings& self, int max_iterations) { self.solver.max_iterations = max_iterations; })
+      .def_prop_rw(
+          "facets", [](const SimulatorSettings& self) { return self.solver.pyramid.facets; },
+          [](SimulatorSettings& self, int facets) { self.solver.pyramid.facets = facets; })
+      .def_prop_rw(
+          "impedance", [](const SimulatorSettings& self) { return self.solver.convex.impedance; },
+          [](SimulatorSettings& self, double impedance) { self.solver.convex.impedance = impedance; })
       .def("validate", &SimulatorSettings::validate);
   nb::class_<StepReport>(m, "StepReport")
       .def_ro("status", &StepReport::status)

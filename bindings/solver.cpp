@@ -40,7 +40,10 @@ void bind_solver(nb::module_& m) {
       .value("admm", SolverType::Admm)
       .value("pgs", SolverType::Pgs)
       .value("interior-point", SolverType::InteriorPoint)
-      .value("newton", SolverType::Newton);
+      .value("newton", SolverType::Newton)
+      .value("lcp-pgs", SolverType::LcpPgs)
+      .value("convex-newton", SolverType::ConvexNewton)
+      .value("bisection", SolverType::Bisection);
   nb::enum_<PenaltyRule>(m, "PenaltyRule")
       .value("spectral", PenaltyRule::Spectral)
       .value("linear", PenaltyRule::Linear)
@@ -65,6 +68,11 @@ void bind_solver(nb::module_& m) {
       .def_rw("anderson_memory", &AdmmSettings::anderson_memory)
       .def_rw("paper_tolerance", &AdmmSettings::paper_tolerance);
   nb::class_<PgsSettings>(m, "PgsSettings").def_rw("over_relaxation", &PgsSettings::over_relaxation);
+  nb::class_<PyramidSettings>(m, "PyramidSettings").def_rw("facets", &PyramidSettings::facets);
+  nb::class_<ConvexSettings>(m, "ConvexSettings").def_rw("impedance", &ConvexSettings::impedance);
+  nb::class_<BisectionSettings>(m, "BisectionSettings")
+      .def_rw("least_relaxation", &BisectionSettings::least_relaxation)
+      .def_rw("relaxation_decay", &BisectionSettings::relaxation_decay);
   nb::class_<Settings>(m, "Settings")
       .def(nb::init<>())
       .def_rw("solver", &Settings::solver)
@@ -75,6 +83,9 @@ void bind_solver(nb::module_& m) {
       .def_rw("record_history", &Settings::record_history)
       .def_rw("admm", &Settings::admm)
       .def_rw("pgs", &Settings::pgs)
+      .def_rw("pyramid", &Settings::pyramid)
+      .def_rw("convex", &Settings::convex)
+      .def_rw("bisection", &Settings::bisection)
       .def("validate", &Settings::validate);
 
   nb::class_<SharedWorkspace>(m, "Workspace",
@@ -93,6 +104,7 @@ void bind_solver(nb::module_& m) {
       .def_prop_ro("impulse", [](const Solution& self) { return Vector(self.impulse); })
       .def_prop_ro("velocity", [](const Solution& self) { return Vector(self.velocity); })
       .def_ro("residual", &Solution::residual)
+      .def_ro("model_residual", &Solution::model_residual)
       .def_ro("iterations", &Solution::iterations)
       .def_ro("factorizations", &Solution::factorizations)
       .def_ro("seconds", &Solution::seconds)

@@ -129,6 +129,16 @@ class AdmmSettings:
 class PgsSettings:
     over_relaxation: float
 
+class PyramidSettings:
+    facets: int
+
+class ConvexSettings:
+    impedance: float
+
+class BisectionSettings:
+    least_relaxation: float
+    relaxation_decay: float
+
 class Settings:
     solver: Any
     law: Law
@@ -138,6 +148,9 @@ class Settings:
     record_history: bool
     admm: AdmmSettings
     pgs: PgsSettings
+    pyramid: PyramidSettings
+    convex: ConvexSettings
+    bisection: BisectionSettings
     def __init__(self) -> None: ...
     def validate(self) -> None: ...
 
@@ -160,6 +173,8 @@ class Solution:
     def velocity(self) -> _Vector: ...
     @property
     def residual(self) -> Residual: ...
+    @property
+    def model_residual(self) -> float: ...
     @property
     def iterations(self) -> int: ...
     @property

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from signorini import _core, _simulator
+from signorini import _arrays, _core, _simulator
 from signorini._core import InvalidInputError
 from signorini._problem import Constraint, ContactProblem, Equality, FrictionCone, HalfLine, Interval
 from signorini._solution import Residual
@@ -36,7 +36,9 @@ class SimulatorSettings:
 
     time_step: [s], in [1e-6, 0.1].
     law: "ncp", Signorini and Coulomb with maximum dissipation, or "ccp", its convex relaxation.
-    solver, tolerance, max_iterations: as for solve(); tolerance on the certificate's relative residual.
+    solver, tolerance, max_iterations, facets, impedance: as for solve(); tolerance on the certificate's relative
+        residual, of the law: the models of other engines ("lcp-pgs", "convex-newton", "bisection") leave many steps
+        unsolved.
     on_unsolved: about a step that is not solved: "continue" (and count it in report.unsolved), "warn", "raise".
     baumgarte: share of an overlap of rigid bodies that one step takes back, in [0, 1].
     max_correction_speed: limit of that [m/s, rad/s].
@@ -54,10 +56,14 @@ class SimulatorSettings:
     max_correction_speed: float = 1.0
     restitution_threshold: float = 0.05
     contact_margin: float | None = None
+    facets: int = 4
+    impedance: float = 0.9
 
     def _to_core(self) -> Any:
         core = _simulator.SimulatorSettings()
-        for key in ("time_step", "tolerance", "baumgarte", "max_correction_speed", "restitution_threshold"):
+        for key in (
+            "time_step", "tolerance", "baumgarte", "max_correction_speed", "restitution_threshold", "impedance",
+        ):  # fmt: skip
             value = getattr(self, key)
             if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
                 raise InvalidInputError(f"{key}: is {value!r}, must be a number")
@@ -76,6 +82,7 @@ class SimulatorSettings:
             if not self.max_iterations >= 1:
                 raise InvalidInputError(f"max_iterations: is {self.max_iterations!r}, must be at least 1, or None")
             core.max_iterations = int(self.max_iterations)
+        core.facets = _arrays.count("facets", self.facets, 4)
         if self.on_unsolved not in ("continue", "warn", "raise"):
             raise InvalidInputError(f"on_unsolved: is {self.on_unsolved!r}, must be 'continue', 'warn' or 'raise'")
         core.validate()

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, field, fields
 
 import numpy as np
@@ -58,12 +59,15 @@ def _no_history() -> npt.NDArray[np.void]:
 class Solution:
     """What a solver returns; complete also when it failed.
 
-    status: "solved" (residual.solves(tolerance); said of nothing else), "max iterations", "stalled" (the
-        impulse is then the best seen) or "invalid" (no finite impulse was found, it is zero)
+    status: "solved" (residual.solves(tolerance); said of nothing else), "max iterations", "stalled" (the impulse is
+        then the best seen; so ends also a model other than the law when it is solved) or "invalid" (no finite impulse
+        was found, it is zero)
     solver: the method that produced the answer
     impulse: [N s], (n,)
     velocity: s = (G + R) impulse + g [m/s], (n,), without the De Saxce correction
     residual: the certificate of `impulse`
+    model_residual: relative residual of what the solver really solves; residual.relative but for "lcp-pgs",
+        "convex-newton" and "bisection"
     iterations, factorizations: counts
     seconds: wall time of the solve
     penalty: ADMM's last rho, for a warm start; 0 for other methods
@@ -81,6 +85,7 @@ class Solution:
     seconds: float = 0.0
     penalty: float = 0.0
     history: npt.NDArray[np.void] = field(default_factory=_no_history)
+    model_residual: float = math.nan
 
     @property
     def solved(self) -> bool:
@@ -109,4 +114,5 @@ class Solution:
             seconds=s.seconds,
             penalty=s.penalty,
             history=history,
+            model_residual=s.model_residual,
         )

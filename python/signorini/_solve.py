@@ -9,7 +9,7 @@ from signorini._core import InvalidInputError, Workspace
 from signorini._problem import ContactProblem
 from signorini._solution import Residual, Solution
 
-SolverName = Literal["auto", "admm", "pgs", "interior-point", "newton"]
+SolverName = Literal["auto", "admm", "pgs", "interior-point", "newton", "lcp-pgs", "convex-newton", "bisection"]
 LawName = Literal["ncp", "ccp"]
 PenaltyRuleName = Literal["spectral", "linear", "residual-balancing", "constant"]
 
@@ -52,10 +52,16 @@ def solve(
     anderson_memory: int = 10,
     paper_tolerance: float | None = None,
     over_relaxation: float = 1.0,
+    facets: int = 4,
+    impedance: float = 0.9,
+    least_relaxation: float = 0.7,
+    relaxation_decay: float = 0.99,
 ) -> Solution:
     """Solves a contact problem and certifies the answer. Releases the GIL.
 
-    solver: "auto" (chooses; start here), "admm", "pgs", "interior-point" or "newton".
+    solver: "auto" (chooses; start here), "admm", "pgs", "interior-point" or "newton"; or another engine's model of
+        contact, to compare with: "lcp-pgs", "convex-newton" or "bisection" (docs/models.md). These are judged by the
+        same certificate, hence seldom "solved"; how well they solve their own model is Solution.model_residual.
     law: "ncp", Signorini and Coulomb with maximum dissipation, or "ccp", its convex relaxation (MuJoCo's and Drake's
         model), which lifts sliding contacts.
     tolerance: on the certificate's relative residual (Residual.solves), in (0, 1).
@@ -77,8 +83,18 @@ def solve(
     paper_tolerance: also stop when (43) holds at this absolute tolerance, as the paper does.
     The paper's method as written: penalty_rule="spectral", scaling=False, anderson_memory=0, paper_tolerance=1e-6.
 
-    PGS only:
+    PGS and lcp-pgs only:
     over_relaxation: in (0, 2).
+
+    lcp-pgs only (the model of ODE, PhysX and DART):
+    facets: of the pyramid around the friction cone, even, in [4, 64].
+
+    convex-newton only (the model of MuJoCo and Drake):
+    impedance: MuJoCo's d, in [0.001, 1 - 1e-6]; every constraint has a compliance of (1 - d) / d of its mean diagonal.
+
+    bisection only (the model of RaiSim):
+    least_relaxation, relaxation_decay: the share of a new impulse that is taken, in (0, 1], and the factor by which its
+        distance to that shrinks from 1 a sweep, in [0, 1].
 
     Raises InvalidInputError on bad arguments. A solve that fails raises nothing: look at Solution.status.
     """
@@ -107,6 +123,10 @@ def solve(
     if paper_tolerance is not None:
         admm.paper_tolerance = _positive("paper_tolerance", paper_tolerance)
     settings.pgs.over_relaxation = _arrays.number("over_relaxation", over_relaxation)
+    settings.pyramid.facets = _arrays.count("facets", facets, 4)
+    settings.convex.impedance = _arrays.number("impedance", impedance)
+    settings.bisection.least_relaxation = _arrays.number("least_relaxation", least_relaxation)
+    settings.bisection.relaxation_decay = _arrays.number("relaxation_decay", relaxation_decay)
 
     if workspace is not None and not isinstance(workspace, Workspace):
         raise InvalidInputError(f"workspace: is a {type(workspace).__name__}, must be a signorini.Workspace")

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string>
 
 #include "closest_motion.hpp"
 #include "contact_report.hpp"
@@ -84,6 +85,10 @@ InverseDynamics::InverseDynamics(std::shared_ptr<const World> world, const Simul
   if (!world) throw InvalidInput("world", "is null");
   settings.validate();
   inverse.validate();
+  if (!solves_the_law(settings.solver.solver)) {
+    throw InvalidInput("solver", std::string("is ") + name(settings.solver.solver) +
+                                     ", must be one that solves the law: the closest motion obeys it");
+  }
   impl_ = std::make_unique<Impl>(std::move(world), settings, inverse);
 }
 InverseDynamics::~InverseDynamics() = default;

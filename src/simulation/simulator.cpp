@@ -269,7 +269,7 @@ void Simulator::warm_start(const std::vector<Assembler::Set>& sets, const ConstV
 
 /// Solves the problem of the sets that act, starting from `impulse`, and again with those that its answer violates.
 void Simulator::Impl::solve_contacts() {
-  const Law law = settings.solver.law;
+  const Law law = settings.solver.model_law();
   report.iterations = report.factorizations = 0;
   sigma.resize(impulse.size());
   assembler.select(impulse, law);

@@ -9,10 +9,12 @@ void finish(const ContactProblem& problem, const Settings& settings, bool out_of
   if (!solution.impulse.allFinite()) {
     solution.impulse.setZero(problem.size());
     solution.residual = residual(problem, solution.impulse, settings.law, solution.velocity);
+    solution.model_residual = solution.residual.relative;
     solution.status = Status::Invalid;
     return;
   }
   solution.residual = residual(problem, solution.impulse, settings.law, solution.velocity);
+  solution.model_residual = solution.residual.relative;
   solution.status = solution.residual.solves(settings.tolerance) ? Status::Solved
                     : out_of_iterations                          ? Status::MaxIterations
                                                                  : Status::Stalled;

@@ -5,7 +5,8 @@
 
 namespace signorini {
 
-/// Certifies solution.impulse on the true problem: fills velocity, residual and status.
+/// Certifies solution.impulse on the true problem: fills velocity, residual, model_residual (of a solver
+/// of the law itself) and status.
 void finish(const ContactProblem& problem, const Settings& settings, bool out_of_iterations, Solution& solution);
 
 /// Writes Solution::history when settings.record_history asks for it.

@@ -3,27 +3,15 @@
 
 #include <Eigen/Eigenvalues>
 #include <cmath>
-#include <limits>
 
-#include "finish.hpp"
-#include "no_malloc.hpp"
+#include "sweeps.hpp"
 
 namespace signorini {
 namespace {
 
-constexpr int kDefaultSweeps = 5000;
-constexpr int kSweepsBetweenChecks = 10;  // sweeps; a check costs about as much as one
-
 /// Step lengths with which a step on one block alone does not overshoot.
-PgsWorkspace::Step step_length(const ContactProblem& problem, const SparseMatrix& matrix, const ConstraintSet& set) {
-  Eigen::Matrix3d block = Eigen::Matrix3d::Zero();
-  for (Index j = 0; j < set.size(); ++j) {
-    for (SparseMatrix::InnerIterator it(matrix, set.offset + j); it; ++it) {
-      const Index i = it.row() - set.offset;
-      if (i >= 0 && i < set.size()) block(i, j) += it.value();
-    }
-    block(j, j) += problem.compliance()[set.offset + j];
-  }
+PgsWorkspace::Step step_length(const GaussSeidel& rows, const ConstraintSet& set) {
+  const Eigen::Matrix3d block = rows.block(set);
   const auto inverse = [](double x) { return x > 0.0 ? 1.0 / x : 0.0; };
   if (set.size() == 1) return {inverse(block(0, 0)), 0.0, 0.0};
   const double mean = 0.5 * (block(0, 0) + block(1, 1)), half = 0.5 * (block(0, 0) - block(1, 1));
@@ -42,9 +30,9 @@ class Sweep {
       const ConstraintSet& set = problem_.sets()[i];
       const PgsWorkspace::Step& step = w_.step[static_cast<std::size_t>(i)];
       if (set.type != SetType::FrictionCone) {
-        project_step(set, step.normal);
+        w_.rows.project_step(set, omega_ * step.normal);
       } else if (law_ == Law::Ccp) {
-        project_step(set, step.cone);
+        w_.rows.project_step(set, omega_ * step.cone);
       } else {
         signorini_coulomb(set, step);
       }
@@ -52,34 +40,19 @@ class Sweep {
   }
 
  private:
-  /// x_i = P_K(x_i - omega sigma_i / L_i).
-  void project_step(const ConstraintSet& set, double step) {
-    double x[3];
-    for (Index k = 0; k < set.size(); ++k) x[k] = w_.impulse[set.offset + k] - omega_ * step * w_.sigma[set.offset + k];
-    project(set, x, x);
-    for (Index k = 0; k < set.size(); ++k) assign(set.offset + k, x[k]);
-  }
-
   /// The NCP as (T3) and (T4): 0 <= x_N, sigma_N >= 0, x_N sigma_N = 0; x_T = P_disc(mu x_N)(x_T - step sigma_T).
   /// Faster than a step on the cone with the De Saxce term, and needs no term.
   void signorini_coulomb(const ConstraintSet& set, const PgsWorkspace::Step& step) {
     const Index t1 = set.offset, t2 = t1 + 1, n = t1 + 2;
-    const double normal = w_.impulse[n] - omega_ * step.normal * w_.sigma[n];
-    assign(n, normal < 0.0 ? 0.0 : normal);
-    const double a = w_.impulse[t1] - omega_ * step.tangent * w_.sigma[t1];
-    const double b = w_.impulse[t2] - omega_ * step.tangent * w_.sigma[t2];
-    const double length = std::hypot(a, b), radius = set.friction * w_.impulse[n];
+    const Vector &x = w_.rows.impulse, &sigma = w_.rows.sigma;
+    const double normal = x[n] - omega_ * step.normal * sigma[n];
+    w_.rows.assign(n, normal < 0.0 ? 0.0 : normal);
+    const double a = x[t1] - omega_ * step.tangent * sigma[t1];
+    const double b = x[t2] - omega_ * step.tangent * sigma[t2];
+    const double length = std::hypot(a, b), radius = set.friction * x[n];
     const double shrink = length > radius ? radius / length : 1.0;
-    assign(t1, shrink * a);
-    assign(t2, shrink * b);
-  }
-
-  void assign(Index row, double value) {
-    const double change = value - w_.impulse[row];
-    if (change == 0.0) return;
-    w_.impulse[row] = value;
-    for (SparseMatrix::InnerIterator it(w_.matrix, row); it; ++it) w_.sigma[it.row()] += it.value() * change;
-    w_.sigma[row] += problem_.compliance()[row] * change;
+    w_.rows.assign(t1, shrink * a);
+    w_.rows.assign(t2, shrink * b);
   }
 
   const ContactProblem& problem_;
@@ -92,48 +65,16 @@ class Sweep {
 
 void solve_pgs(const ContactProblem& problem, const Settings& settings, PgsWorkspace& w, const Guess* guess,
                Solution& solution) {
-  const int max_iterations = settings.max_iterations > 0 ? settings.max_iterations : kDefaultSweeps;
-  w.matrix = problem.delassus().matrix();
+  w.rows.setup(problem, guess);
   w.step.clear();
-  for (const ConstraintSet& set : problem.sets()) w.step.push_back(step_length(problem, w.matrix, set));
-  for (Vector* v : {&w.impulse, &w.sigma, &w.scratch}) v->setZero(problem.size());
-  if (guess) w.impulse = guess->impulse;
-  problem.sets().project(w.impulse, w.impulse);
-  w.best = w.impulse;
-  solution.iterations = solution.factorizations = 0;
-  solution.penalty = 0.0;
-  solution.history.clear();
-  if (settings.record_history) solution.history.reserve(static_cast<std::size_t>(max_iterations));
-
-  double best_relative = std::numeric_limits<double>::infinity();
-  // The certificate, which also refreshes sigma. True when there is nothing more to do.
-  const auto check = [&] {
-    const Residual certificate = residual(problem, w.impulse, settings.law, w.sigma);
-    const bool solves = certificate.solves(settings.tolerance);
-    if (solves || certificate.relative < best_relative) {
-      best_relative = certificate.relative;
-      w.best = w.impulse;
-    }
-    if (settings.record_history && solution.iterations > 0) {
-      solution.history.push_back({solution.iterations, 0, 0.0, certificate});
-    }
-    return solves || !std::isfinite(certificate.relative);
-  };
-
-  {
-    const NoMalloc no_malloc;
-    Sweep sweep(problem, settings, w);
-    bool done = check();
-    while (!done && solution.iterations < max_iterations) {
-      sweep();
-      const int k = ++solution.iterations;
-      if (k < kSweepsBetweenChecks || k % kSweepsBetweenChecks == 0 || k == max_iterations || settings.record_history) {
-        done = check();
-      }
-    }
-  }
-  solution.impulse = w.best;
-  finish(problem, settings, solution.iterations >= max_iterations, solution);
+  for (const ConstraintSet& set : problem.sets()) w.step.push_back(step_length(w.rows, set));
+  problem.sets().project(w.rows.impulse, w.rows.impulse);
+  sweep_and_finish(
+      problem, settings, w.rows, Sweep(problem, settings, w),
+      [&](const Residual& certificate) {
+        return Judgement{certificate.relative, certificate.solves(settings.tolerance)};
+      },
+      solution);
 }
 
 }  // namespace signorini

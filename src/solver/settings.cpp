@@ -43,6 +43,14 @@ void Settings::validate() const {
   check(admm.paper_tolerance >= 0.0 && admm.paper_tolerance < 1.0, "paper_tolerance", admm.paper_tolerance,
         "in [0, 1)");
   check(pgs.over_relaxation > 0.0 && pgs.over_relaxation < 2.0, "over_relaxation", pgs.over_relaxation, "in (0, 2)");
+  check(pyramid.facets >= 4 && pyramid.facets <= 64 && pyramid.facets % 2 == 0, "facets", pyramid.facets,
+        "even and in [4, 64]");
+  check(convex.impedance >= 1e-3 && convex.impedance <= 1.0 - 1e-6, "impedance", convex.impedance,
+        "in [0.001, 1 - 1e-6]: without compliance the impulse is no function of the velocity");
+  check(bisection.least_relaxation > 0.0 && bisection.least_relaxation <= 1.0, "least_relaxation",
+        bisection.least_relaxation, "in (0, 1]");
+  check(bisection.relaxation_decay >= 0.0 && bisection.relaxation_decay <= 1.0, "relaxation_decay",
+        bisection.relaxation_decay, "in [0, 1]");
 }
 
 const char* name(SolverType solver) {
@@ -57,8 +65,18 @@ const char* name(SolverType solver) {
       return "interior-point";
     case SolverType::Newton:
       return "newton";
+    case SolverType::LcpPgs:
+      return "lcp-pgs";
+    case SolverType::ConvexNewton:
+      return "convex-newton";
+    case SolverType::Bisection:
+      return "bisection";
   }
   return "";
+}
+
+bool solves_the_law(SolverType solver) {
+  return solver != SolverType::LcpPgs && solver != SolverType::ConvexNewton && solver != SolverType::Bisection;
 }
 
 const char* name(PenaltyRule rule) {

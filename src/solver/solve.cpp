@@ -8,7 +8,10 @@
 #include "signorini/errors.hpp"
 #include "signorini/solver/admm.hpp"
 #include "signorini/solver/auto.hpp"
+#include "signorini/solver/bisection.hpp"
+#include "signorini/solver/convex_newton.hpp"
 #include "signorini/solver/interior_point.hpp"
+#include "signorini/solver/lcp_pgs.hpp"
 #include "signorini/solver/newton.hpp"
 #include "signorini/solver/pgs.hpp"
 
@@ -20,6 +23,9 @@ struct Workspace::Impl {
   InteriorPointWorkspace interior_point;
   NewtonWorkspace newton;
   AutoWorkspace automatic;
+  LcpPgsWorkspace lcp_pgs;
+  ConvexNewtonWorkspace convex_newton;
+  BisectionWorkspace bisection;
 };
 
 Workspace::Workspace() : impl_(std::make_unique<Impl>()) {}
@@ -65,6 +71,15 @@ void solve(const ContactProblem& problem, const Settings& settings, Workspace& w
       break;
     case SolverType::Newton:
       solve_newton(problem, settings, w.newton, guess, solution);
+      break;
+    case SolverType::LcpPgs:
+      solve_lcp_pgs(problem, settings, w.lcp_pgs, guess, solution);
+      break;
+    case SolverType::ConvexNewton:
+      solve_convex_newton(problem, settings, w.convex_newton, guess, solution);
+      break;
+    case SolverType::Bisection:
+      solve_bisection(problem, settings, w.bisection, guess, solution);
       break;
   }
   solution.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

@@ -60,7 +60,7 @@ def test_json_holds_the_certificate(folder, solver):
     assert content["version"] == signorini.__version__
     assert [r["name"] for r in content["results"]] == ["planted-0", "planted-1"]
     for r in content["results"]:
-        fields = "name num_contacts solver status iterations factorizations seconds residual asymmetry"
+        fields = "name num_contacts solver status iterations factorizations seconds residual model_residual asymmetry"
         assert set(r) == set(fields.split())
         names = {"primal", "dual", "complementarity", "relative", "against_free_velocity"}
         assert set(r["residual"]) == names

@@ -11,7 +11,9 @@ INCLUDE = re.compile(r'^\s*#\s*include\s+(?:<([^>]+)>|"([^"]+)")', re.MULTILINE)
 FOLDERS = "delassus problem solver model collision assembly simulation rollout bindings"
 LEVELS = {folder: 2 + i for i, folder in enumerate(FOLDERS.split())}
 MAY_INCLUDE = {"coal": {"collision"}}
-METHODS = {"admm", "auto", "interior_point", "inverse", "newton", "pgs"}
+METHODS = {
+    "admm", "auto", "bisection", "convex_newton", "interior_point", "inverse", "lcp_pgs", "newton", "pgs",
+}  # fmt: skip
 
 
 def own_files():

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "signorini/solver/solution.hpp"
+#include "signorini/solver/gauss_seidel.hpp"
 
 namespace signorini {
 
@@ -13,11 +13,8 @@ struct PgsWorkspace {
     double tangent = 0.0;  ///< 1 / largest eigenvalue of the tangential block
     double cone = 0.0;     ///< 1 / largest eigenvalue of the whole block
   };
-  SparseMatrix matrix;     ///< G
+  GaussSeidel rows;
   std::vector<Step> step;  ///< a set each; 0 where the block of G + R is 0
-  Vector impulse, sigma;   ///< sigma = (G + R) impulse + g, kept up to date row by row
-  Vector best;             ///< the impulse with the smallest residual so far
-  Vector scratch;
 };
 
 /// Over-relaxed projected Gauss-Seidel (Jourdan, Alart and Jean 1998), a set at a time: what robotics uses. Slow where

@@ -4,7 +4,8 @@
 
 namespace signorini {
 
-enum class SolverType { Auto, Admm, Pgs, InteriorPoint, Newton };
+/// The last three are other engines' models of contact (docs/models.md), which the certificate seldom calls solved.
+enum class SolverType { Auto, Admm, Pgs, InteriorPoint, Newton, LcpPgs, ConvexNewton, Bisection };
 
 /// How ADMM moves its penalty rho; names and numbers of Carpentier et al. 2024, section III-F.
 enum class PenaltyRule {
@@ -33,7 +34,21 @@ struct AdmmSettings {
 };
 
 struct PgsSettings {
-  double over_relaxation = 1.0;  ///< in (0, 2)
+  double over_relaxation = 1.0;  ///< in (0, 2); of LcpPgs too
+};
+
+struct PyramidSettings {
+  int facets = 4;  ///< of the pyramid around the friction cone; even, in [4, 64]
+};
+
+struct ConvexSettings {
+  /// MuJoCo's d, in [1e-3, 1 - 1e-6]: every set has a compliance of (1 - d) / d of the mean diagonal of its block.
+  double impedance = 0.9;
+};
+
+struct BisectionSettings {
+  double least_relaxation = 0.7;   ///< what the share of a new impulse tends to from 1, in (0, 1]
+  double relaxation_decay = 0.99;  ///< of its distance to that, a sweep; in [0, 1]
 };
 
 /// One settings object for all solvers. Never written by a solver.
@@ -48,12 +63,20 @@ struct Settings {
   bool record_history = false;  ///< Solution::history, one record an iteration
   AdmmSettings admm;
   PgsSettings pgs;
+  PyramidSettings pyramid;
+  ConvexSettings convex;
+  BisectionSettings bisection;
+
+  /// The law by which contacts act or not in what the solver really solves.
+  Law model_law() const { return solver == SolverType::ConvexNewton ? Law::Ccp : law; }
 
   /// Raises InvalidInput naming the field, its value and the allowed range.
   void validate() const;
 };
 
 const char* name(SolverType solver);
+/// False for other engines' models of contact.
+bool solves_the_law(SolverType solver);
 const char* name(PenaltyRule rule);
 
 }  // namespace signorini

@@ -10,7 +10,7 @@ namespace signorini {
 enum class Status {
   Solved,         ///< the certificate is within the tolerance; said of nothing else
   MaxIterations,  ///< out of iterations; impulse is the best seen
-  Stalled,        ///< the method cannot go on; impulse is the best seen
+  Stalled,        ///< the method cannot go on, or has solved its own model; impulse is the best seen
   Infeasible,     ///< inverse only: no impulse allows this motion
   Invalid         ///< no finite impulse was found; impulse is zero
 };
@@ -29,10 +29,13 @@ struct Solution {
   GrowVector impulse;                    ///< lambda [N s]
   GrowVector velocity;                   ///< sigma = (G + R) lambda + g [m/s], without Gamma
   Residual residual;                     ///< the certificate of `impulse`
-  int iterations = 0;                    ///< auto: of the island that took the most
-  int factorizations = 0;                ///< likewise
-  double seconds = 0.0;                  ///< wall time of the solve, symbolic analysis included
-  double penalty = 0.0;                  ///< ADMM's last rho, for a warm start; 0 elsewhere
+  /// Relative residual of the model that the solver really solves (docs/models.md); of those that solve the law itself,
+  /// residual.relative.
+  double model_residual = 0.0;
+  int iterations = 0;      ///< auto: of the island that took the most
+  int factorizations = 0;  ///< likewise
+  double seconds = 0.0;    ///< wall time of the solve, symbolic analysis included
+  double penalty = 0.0;    ///< ADMM's last rho, for a warm start; 0 elsewhere
   std::vector<IterationRecord> history;
 };
 

@@ -63,7 +63,7 @@ def _show(console: Console, report: Report) -> None:
     for title, (columns, rows) in report.tables.items():
         table = Table(title=escape(title), title_justify="left")
         for k, column in enumerate(columns):
-            table.add_column(column, justify="left" if k == 0 else "right", no_wrap=True)
+            table.add_column(escape(column), justify="left" if k == 0 else "right", no_wrap=True)
         for row in rows:
             table.add_row(*(escape(cell) for cell in row))
         wide.print(table)
@@ -180,6 +180,14 @@ def inverse(output: Output, quick: Quick = False) -> None:
 def walking(output: Output, quick: Quick = False) -> None:
     """The quadruped Solo12 under model-predictive control, up a slope and over random steps."""
     from signorini.experiments import walking as experiment
+
+    _run(experiment.run, _options(output, None, quick, None, False, None))
+
+
+@app.command()
+def models(output: Output, quick: Quick = False) -> None:
+    """Table I: the same scenes under every contact model: creep, hop, force at a distance, overlap, energy, time."""
+    from signorini.experiments import models as experiment
 
     _run(experiment.run, _options(output, None, quick, None, False, None))
 

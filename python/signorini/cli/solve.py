@@ -27,6 +27,9 @@ class Solver(str, Enum):
     PGS = "pgs"
     INTERIOR_POINT = "interior-point"
     NEWTON = "newton"
+    LCP_PGS = "lcp-pgs"
+    CONVEX_NEWTON = "convex-newton"
+    BISECTION = "bisection"
 
 
 class Law(str, Enum):
@@ -53,6 +56,8 @@ def solve(
     tolerance: Annotated[float, typer.Option(help="On the relative residual of the certificate, in (0, 1).")] = 1e-6,
     max_iterations: Annotated[int | None, typer.Option(help="At least 1; default: the solver's own.")] = None,
     penalty_rule: Annotated[PenaltyRule, typer.Option(help="How ADMM moves rho.")] = PenaltyRule.RESIDUAL_BALANCING,
+    facets: Annotated[int, typer.Option(help="Of lcp-pgs' friction pyramid: even, 4 to 64.")] = 4,
+    impedance: Annotated[float, typer.Option(help="Of convex-newton, below 1: compliance is (1 - d) / d.")] = 0.9,
     operator: Annotated[
         Operator | None, typer.Option(help="Explicit matrix or mass matrix; default: what the file holds.")
     ] = None,
@@ -71,6 +76,8 @@ def solve(
         "tolerance": tolerance,
         "max_iterations": max_iterations,
         "penalty_rule": penalty_rule.value,
+        "facets": facets,
+        "impedance": impedance,
     }
     try:  # a bad option is one error, not one a file
         signorini.solve(signorini.ContactProblem(np.zeros((0, 0)), [], []), **options)
@@ -166,5 +173,6 @@ def _result(problem: signorini.ContactProblem, solution: signorini.Solution) -> 
         "factorizations": solution.factorizations,
         "seconds": solution.seconds,
         "residual": {key: finite(residual[key]) for key in (*COLUMNS, "against_free_velocity")},
+        "model_residual": finite(solution.model_residual),
         "asymmetry": finite(problem.asymmetry),
     }

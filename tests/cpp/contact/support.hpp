@@ -195,6 +195,10 @@ inline Planted plant(std::uint64_t seed, Index contacts, Law law, Operator type 
 inline const std::array<SolverType, 5> kAllSolvers = {SolverType::Auto, SolverType::Admm, SolverType::Pgs,
                                                       SolverType::InteriorPoint, SolverType::Newton};
 
+/// Models of contact other than the law, which the certificate seldom calls solved.
+inline constexpr std::array<SolverType, 3> kModels = {SolverType::LcpPgs, SolverType::ConvexNewton,
+                                                      SolverType::Bisection};
+
 inline Settings settings_for(SolverType solver, double tolerance = 1e-8, Law law = Law::Ncp) {
   Settings settings;
   settings.solver = solver;
