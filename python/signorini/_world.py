@@ -474,22 +474,28 @@ class WorldBuilder:
         name: str = "",
         stiffness: float = math.inf,
         damping: float = 0.0,
+        kind: Literal["joint", "tendon"] | None = None,
     ) -> None:
         """q_joint - reference = polynomial(q_driver - driver_reference), at most quartic, constant first.
 
         Without a driver q_joint is held at reference + coefficients[0]. A URDF mimic joint is one of these. Either may
-        be a tendon, unless a joint is called the same; then q is its length.
+        be a tendon; then q is its length. kind: what both names are of; None: of joints, or tendons where no joint is
+        called so.
         """
+        if kind not in ("joint", "tendon", None):
+            raise InvalidInputError(f"kind: is {kind!r}, must be joint, tendon or None")
         if not 1 <= len(coefficients) <= 5:
             raise InvalidInputError(f"coefficients: has {len(coefficients)} values, must have 1 to 5")
         constraint = self._constraint("coupling", name, stiffness, damping)
         for side, value in (("b", joint), ("a", driver)):
             if value is None:
                 continue
-            if value in self._tendon_index and value not in self._joint_index:
-                setattr(constraint, f"tendon_{side}", self._tendon_index[value])
+            field = "joint" if side == "b" else "driver"
+            named = value in self._tendon_index and value not in self._joint_index
+            if kind == "tendon" or (kind is None and named):
+                setattr(constraint, f"tendon_{side}", self.tendon_index(value, field))
             else:
-                setattr(constraint, f"joint_{side}", self.joint_index(value, "joint" if side == "b" else "driver"))
+                setattr(constraint, f"joint_{side}", self.joint_index(value, field))
         constraint.coefficients = [float(c) for c in coefficients]
         constraint.reference_a, constraint.reference_b = float(driver_reference), float(reference)
         self._core.add_constraint(constraint)

@@ -360,7 +360,9 @@ std::shared_ptr<const World> WorldBuilder::build() const {
   impl->moving_parent.assign(1, 0);
   std::vector<int> free_list;
   const auto is_free = [&](int b) {
-    return bodies[b].joints.size() == 1 && bodies[b].joints[0].type == JointType::Free && !articulated[b];
+    if (bodies[b].joints.size() != 1 || bodies[b].joints[0].type != JointType::Free || articulated[b]) return false;
+    // Armature turns no gyroscope and is at the body's origin, so its centre of mass does not move straight.
+    return bodies[b].joints[0].armature == 0.0 && bodies[b].joints[0].friction == 0.0;
   };
   for (const int b : order) {
     if (b == 0) continue;

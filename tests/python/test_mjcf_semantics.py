@@ -1,6 +1,7 @@
 """What an MJCF file means, against MuJoCo's own numbers for the same file."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -466,3 +467,77 @@ def test_a_weld_of_bodies_that_are_fixed_to_each_other_does_nothing():
     simulator.step(10)
     assert simulator.report.status == "solved"
     assert simulator.state.v[2] == pytest.approx(-9.81e-2)
+
+
+def test_a_tendon_equality_is_not_that_of_a_joint_of_the_same_name(tmp_path):
+    text = """<mujoco><worldbody>
+      <body><joint name="x" axis="0 1 0"/><geom size=".1"/></body>
+      <body pos="1 0 0"><joint name="y" axis="0 1 0"/><geom size=".1"/></body></worldbody>
+      <tendon><fixed name="x"><joint joint="y" coef="2"/></fixed></tendon>
+      <equality><tendon tendon1="x" polycoef=".3 0 0 0 0"/></equality></mujoco>"""
+    simulator = Simulator(signorini.load(_write(tmp_path, "clash.xml", text)))
+    simulator.step(500)
+    assert simulator.state.q == pytest.approx([0.0, 0.15], abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("solref", "solimp"),
+    [
+        ("0.02 1", ".2 .95 0 .5 2"),  # no width
+        ("-100 1", ".8 .9 .001 .5 2"),  # of neither format: the default
+        (".05 0", ".8 .9 .001 .5 2"),
+        ("1e-200 1", ".8 .9 .001 .5 2"),
+    ],
+)
+def test_odd_solref_and_solimp(tmp_path, solref, solimp):
+    text = f"""<mujoco><worldbody><geom type="plane" size="1 1 1" solref="{solref}" solimp="{solimp}"/>
+      <body pos="0 0 .0999"><freejoint/><geom size=".1" solref="{solref}" solimp="{solimp}"/></body>
+      </worldbody></mujoco>"""
+    path = _write(tmp_path, "odd.xml", text)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    numbers = [float(x) for x in solimp.split()]
+    assert impedance(numbers, 1e-4) == pytest.approx(data.efc_KBIP[0, 2], rel=1e-9)
+    held = signorini.load(path).geometries[1].material
+    if solref.startswith("1e-200"):
+        assert math.isinf(held.stiffness)
+    else:
+        expected = spring((0.02, 1.0), numbers, float(model.body_invweight0[1, 0]), "file")
+        assert (held.stiffness, held.damping) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("more", "warning", "left"),
+    [
+        ('<motor tendon="t" gear="0"/>', "their gear is 0", 0),
+        ('<motor joint="l1" group="3"/>', "their group is disabled", 0),
+        ('<motor tendon="t"/>', "actuatorfrcrange .*: r2", 1),  # which the tendon goes over
+        ('<motor joint="r2"/><motor site="tip" gear="0 0 1"/>', None, 2),
+        ('<motor joint="l2"/><motor site="tip" gear="0 0 1"/>', "actuatorfrcrange .*: l2", 2),
+        ('<motor tendon="t" armature=".1"/>', "armature of actuators", 1),
+    ],
+)
+def test_what_actuators_lose_is_listed(tmp_path, more, warning, left):
+    arms = ARMS.replace("<option ", '<option actuatorgroupdisable="3" ')
+    name = "l2" if warning and "l2" in warning else "r2"
+    if warning is None or "frcrange" in warning:
+        arms = arms.replace(f'<joint name="{name}"', f'<joint actuatorfrcrange="-1 1" name="{name}"')
+    text = arms.format(TENDON.format(' actuatorfrcrange="-1 1"') + f"<actuator>{more}</actuator>")
+    world = signorini.load(_write(tmp_path, "lost.xml", text))
+    assert len(world.actuators) == left
+    if warning is None:
+        assert not world.warnings
+    else:
+        (told,) = world.warnings
+        assert re.search(warning, told)
+
+
+def test_the_range_of_a_joint_clips_what_the_actuators_own_range_let_pass(tmp_path):
+    arms = ARMS.replace('<joint name="l1"', '<joint actuatorfrcrange="-1 .5" name="l1"')
+    _, simulator, model, data = both(
+        tmp_path, '<actuator><motor joint="l1" gear="-2" forcerange="1 3"/></actuator>', arms
+    )
+    set_state(simulator, model, data, 0, ctrl=[2.0])
+    ours, theirs = accelerations(simulator, model, data)
+    assert ours == pytest.approx(theirs, rel=5e-3, abs=5e-3 * np.abs(theirs).max())
