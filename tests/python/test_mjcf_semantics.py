@@ -541,3 +541,104 @@ def test_the_range_of_a_joint_clips_what_the_actuators_own_range_let_pass(tmp_pa
     set_state(simulator, model, data, 0, ctrl=[2.0])
     ours, theirs = accelerations(simulator, model, data)
     assert ours == pytest.approx(theirs, rel=5e-3, abs=5e-3 * np.abs(theirs).max())
+
+
+FREE = """<mujoco><worldbody><body name="b"><joint type="free" {}/>
+  <geom type="box" size=".1 .2 .05" pos=".1 0 .05" mass="1"/></body></worldbody></mujoco>"""
+
+
+def test_armature_of_a_free_joint_turns_no_gyroscope(tmp_path):
+    path = _write(tmp_path, "free.xml", FREE.format('armature=".3"'))
+    world, model = signorini.load(path), mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    data.qvel[:] = 0.3, -1.0, 0.5, 2.0, 4.0, 1.0
+    mujoco.mj_forward(model, data)
+    simulator = Simulator(world, time_step=1e-6)
+    _, simulator.state.v = mjcf.state(mjcf.read(path), world, data.qpos, data.qvel)
+    simulator.step()
+    assert (simulator.state.v[3:] - data.qvel[3:]) / 1e-6 == pytest.approx(data.qacc[3:], abs=1e-3)
+    linear = simulator.state.v[:3] + 1e-6 * np.cross(data.qvel[3:], data.qvel[:3])  # from the body's axes that turn
+    assert (linear - data.qvel[:3]) / 1e-6 == pytest.approx(data.qacc[:3], abs=1e-3)
+
+
+def test_dry_friction_of_a_free_joint_holds_it(tmp_path):
+    simulator = Simulator(signorini.load(_write(tmp_path, "free.xml", FREE.format('frictionloss="10"'))))
+    simulator.step(50)
+    assert np.abs(simulator.state.v).max() < 1e-9
+    simulator.applied_force = np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
+    simulator.step(50)
+    assert simulator.state.v[2] < -0.01
+
+
+TWO = """<mujoco><worldbody>{}<body name="a" pos="0 0 .1"><freejoint/><geom name="g" size=".1"/>
+  <body name="b" pos="0 0 .15"><joint axis="0 0 1"/><geom name="h" size=".1"/></body></body></worldbody>{}</mujoco>"""
+FLOOR, PAIR = '<geom type="plane" size="1 1 1"/>', '<contact><pair geom1="g" geom2="h"/></contact>'
+
+
+@pytest.mark.parametrize("options", [{"self_collision": False}, {"exclude_overlapping": True}])
+def test_what_the_caller_excludes_overrules_pairs_of_the_file(tmp_path, options):
+    path = _write(tmp_path, "pair.xml", TWO.format("", PAIR))
+    assert [pair[:2] for pair in signorini.load(path).touching_pairs()] == [(0, 1)]
+    assert not signorini.load(path, **options).touching_pairs()
+
+
+def test_a_floor_is_not_a_part_of_the_robot(tmp_path):
+    path = _write(tmp_path, "floor.xml", TWO.format(FLOOR, ""))
+    simulator = Simulator(signorini.load(path, self_collision=False))
+    simulator.step(100)
+    assert simulator.state.q[2] == pytest.approx(0.1, abs=1e-5)
+
+
+def test_ground_holds_what_overlapped_a_floor_of_the_file(tmp_path):
+    text = TWO.format(FLOOR.replace("<geom", '<geom pos="0 0 .01"'), "")
+    world = signorini.load(_write(tmp_path, "floor.xml", text), exclude_overlapping=True, ground=True)
+    (warning,) = world.warnings
+    assert "overlap" in warning
+    simulator = Simulator(world)
+    simulator.step(100)
+    assert simulator.state.q[2] == pytest.approx(0.1, abs=1e-5)
+
+
+def test_the_last_word_about_a_pair_counts():
+    builder = WorldBuilder()
+    ground = builder.add_ground()
+    builder.add_body(
+        "b", joints=[signorini.Joint("b", "free")], mass=1.0, inertia=0.1 * np.eye(3), position=(0, 0, 0.1)
+    )
+    box = builder.add_geometry("b", signorini.Box((0.1, 0.1, 0.1)))
+
+    def slowed() -> float:
+        simulator = Simulator(builder.build())
+        simulator.state.v[0] = 2.0
+        simulator.step(100)
+        return float((2.0 - simulator.state.v[0]) / 0.981)
+
+    builder.exclude("b", "world")
+    for material, friction in ((Material(friction=0.3), 0.3), (Material(0.5), 0.5), (Material(frictionless=True), 0.0)):
+        builder.set_pair_material(box, ground, material)
+        assert slowed() == pytest.approx(friction, abs=2e-3)
+    builder.set_pair_material(box, ground, Material())
+    builder.exclude_geometries(box, ground)
+    assert not builder.build().touching_pairs(margin=0.01)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda b: b.add_tendon("t", {"j": 1.0}, lower=math.inf), "lower"),
+        (lambda b: b.add_tendon("t", {"j": 1.0}, upper=-math.inf), "upper"),
+        (lambda b: b.add_tendon("t", {"j": 1.0}, spring_range=(1.0,)), "spring_range"),
+        (lambda b: b.add_body("c", joints=[signorini.Joint("k", lower=math.inf)]), "lower"),
+        (lambda b: b.add_actuator("a", "j", force_range=(math.inf, math.inf)), "force_range"),
+        (lambda b: b.add_actuator("a", "j", control_range=(-math.inf, -math.inf)), "control_range"),
+        (lambda b: b.add_actuator("a", "j", activation_range=(math.nan, 0.0)), "activation_range"),
+        (lambda b: b.add_actuator("a", "j", force_range=(1.0,)), "force_range"),
+        (lambda b: b.add_coupling("j", None, kind="tendon"), "there is no 'j'"),
+        (lambda b: b.add_coupling("j", None, kind="body"), "kind"),
+    ],
+)
+def test_ranges_leave_a_value(call, message):
+    builder = WorldBuilder()
+    builder.add_body("b", joints=[signorini.Joint("j")], mass=1.0, inertia=np.eye(3))
+    with pytest.raises(InvalidInputError, match=message):
+        call(builder)
