@@ -512,6 +512,7 @@ def test_odd_solref_and_solimp(tmp_path, solref, solimp):
     [
         ('<motor tendon="t" gear="0"/>', "their gear is 0", 0),
         ('<motor joint="l1" group="3"/>', "their group is disabled", 0),
+        ('<motor joint="l1"/></actuator><option><flag actuation="disable"/></option><actuator>', "is disabled", 0),
         ('<motor tendon="t"/>', "actuatorfrcrange .*: r2", 1),  # which the tendon goes over
         ('<motor joint="r2"/><motor site="tip" gear="0 0 1"/>', None, 2),
         ('<motor joint="l2"/><motor site="tip" gear="0 0 1"/>', "actuatorfrcrange .*: l2", 2),
@@ -642,3 +643,41 @@ def test_ranges_leave_a_value(call, message):
     builder.add_body("b", joints=[signorini.Joint("j")], mass=1.0, inertia=np.eye(3))
     with pytest.raises(InvalidInputError, match=message):
         call(builder)
+
+
+@pytest.mark.parametrize("flag", ["spring", "damper", "clampctrl", "gravity"])
+def test_what_flags_switch_off(tmp_path, flag):
+    more = (
+        TENDON.format(' stiffness="30" springlength="1" damping="2"')
+        + """<actuator>
+      <motor joint="l1" gear="3" ctrlrange="-.1 .1" ctrllimited="true" damping="1"/></actuator>"""
+    )
+    arms = ARMS.replace('name="l2" axis', 'name="l2" stiffness="20" springref="1" axis')
+    on = arms.format(more)
+    off = on.replace("</option>", "").replace('"0 0 -9.81"/>', f'"0 0 -9.81"><flag {flag}="disable"/></option>')
+    found = []
+    for text in (on, off):
+        path = _write(tmp_path, "flags.xml", text)
+        model, simulator = mujoco.MjModel.from_xml_path(str(path)), Simulator(signorini.load(path), time_step=1e-6)
+        data = mujoco.MjData(model)
+        set_state(simulator, model, data, 3, ctrl=[2.0])
+        ours, theirs = accelerations(simulator, model, data)
+        assert ours == pytest.approx(theirs, rel=5e-3, abs=5e-3 * np.abs(theirs).max())
+        found.append(theirs)
+    assert np.abs(found[0] - found[1]).max() > 0.1
+
+
+def test_flags_switch_constraints_off(tmp_path):
+    text = """<mujoco><option><flag {}="disable"/></option><worldbody><geom type="plane" size="1 1 1"/>
+      <body pos="0 0 .1"><joint name="x" type="slide" axis="0 0 1" range="-.1 1" limited="true" frictionloss=".1"/>
+        <geom size=".1"/></body></worldbody><equality><joint joint1="x"/></equality></mujoco>"""
+    left = {}
+    for flag in ("limit", "contact", "equality", "frictionloss", "constraint", "midphase"):
+        world = signorini.load(_write(tmp_path, "flags.xml", text.format(flag)))
+        joint = world.joints[0]
+        has = (joint.lower == -0.1, bool(world.geometries), bool(world.constraints), joint.friction > 0.0)
+        left[flag] = "".join("01"[x] for x in has)
+    assert left == {
+        "limit": "0111", "contact": "1011", "equality": "1101", "frictionloss": "1110", "constraint": "0000",
+        "midphase": "1111",
+    }  # fmt: skip

@@ -32,6 +32,7 @@ class Source(Protocol):
     options: Options
     warnings: Warnings
     geometries_of: dict[int, list[int]]
+    collides: bool
 
     def name(self, kind: str, index: int) -> str: ...
     def body(self, body: int) -> str: ...
@@ -53,7 +54,7 @@ def add(source: Source) -> None:
     drives.list_losses()
     for equality in range(source.model.neq):
         drives.add_equality(equality)
-    for pair in range(source.model.npair):
+    for pair in range(source.model.npair if source.collides else 0):
         drives.add_pair(pair)
 
 
@@ -145,6 +146,8 @@ class _Drives:
     def add_actuator(self, actuator: int) -> str | None:
         """Adds one; or returns why it has no equal here."""
         model, mj = self._model, self._mujoco
+        if model.opt.disableflags & int(mj.mjtDisableBit.mjDSBL_ACTUATION):
+            return "actuation is disabled"
         group = int(model.actuator_group[actuator])
         if 0 <= group < 31 and model.opt.disableactuator >> group & 1:
             return "their group is disabled"
