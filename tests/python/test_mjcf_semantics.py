@@ -681,3 +681,12 @@ def test_flags_switch_constraints_off(tmp_path):
         "limit": "0111", "contact": "1011", "equality": "1101", "frictionloss": "1110", "constraint": "0000",
         "midphase": "1111",
     }  # fmt: skip
+
+
+def test_the_softness_of_a_fixed_geom_with_priority_is_lost_and_listed(tmp_path):
+    text = GEOMS.format(floor=1, box=1, floor_more='priority="1" solref=".05 1"', box_more="", more="")
+    world = signorini.load(_write(tmp_path, "soft.xml", text))
+    (warning,) = world.warnings
+    assert "priority" in warning
+    assert "floor" in warning
+    assert not signorini.load(tmp_path / "soft.xml", compliance="rigid").warnings

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from signorini._core import InvalidInputError
 from signorini.load import _mjcf_drives, _mjcf_scan, mesh
+from signorini.load._mjcf_softness import is_default
 from signorini.load._options import Added, Options, Warnings
 from signorini.load._placement import Placement, from_quaternion
 
@@ -358,6 +359,9 @@ class _Adder:
         if asked is not None:
             return asked
         held = _mjcf_drives.geom_spring(self, geom)
+        soft = self.options.compliance != "rigid" and not is_default(model.geom_solref[geom], model.geom_solimp[geom])
+        if soft and model.geom_priority[geom] > 0 and math.isinf(held.stiffness):
+            self.warnings.add("solref and solimp of geoms with priority that are fixed to the world", self._geoms[geom])
         return Material(
             friction=float(model.geom_friction[geom, 0]),
             stiffness=held.stiffness,
