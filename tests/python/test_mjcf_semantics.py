@@ -690,3 +690,11 @@ def test_the_softness_of_a_fixed_geom_with_priority_is_lost_and_listed(tmp_path)
     assert "priority" in warning
     assert "floor" in warning
     assert not signorini.load(tmp_path / "soft.xml", compliance="rigid").warnings
+
+
+def test_meshes_that_only_show_are_shown(tmp_path):
+    text = """<mujoco><asset><mesh name="m" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset><worldbody><body><freejoint/>
+      <geom size=".1"/><geom type="mesh" mesh="m" contype="0" conaffinity="0"/></body></worldbody></mujoco>"""
+    world = signorini.load(_write(tmp_path, "mesh.xml", text))
+    assert not world.warnings
+    assert [type(visual.shape).__name__ for visual in world.visuals] == ["Sphere", "TriangleMesh"]

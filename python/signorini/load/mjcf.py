@@ -325,7 +325,7 @@ class _Adder:
         if model.geom_group[geom] > 2 or color[3] == 0.0:
             return
         shape: Shape | TriangleMesh | None
-        if model.geom_type[geom] in (mj.mjtGeom.mjGEOM_MESH, mj.mjtGeom.mjGEOM_SDF):
+        if int(model.geom_type[geom]) in (mj.mjtGeom.mjGEOM_MESH, mj.mjtGeom.mjGEOM_SDF):
             shape = TriangleMesh(*self._triangles(geom))
         elif model.geom_type[geom] == mj.mjtGeom.mjGEOM_HFIELD:
             shape = self._height_field(geom)
