@@ -698,3 +698,23 @@ def test_meshes_that_only_show_are_shown(tmp_path):
     world = signorini.load(_write(tmp_path, "mesh.xml", text))
     assert not world.warnings
     assert [type(visual.shape).__name__ for visual in world.visuals] == ["Sphere", "TriangleMesh"]
+
+
+def test_a_fast_ball_joint_at_rest_inverts():
+    builder = WorldBuilder(gravity=(0, 0, 0))
+    builder.add_body("b", joints=[signorini.Joint("j", "ball", upper=0.01)], mass=1.0, inertia=np.eye(3))
+    world = builder.build()
+    result = signorini.inverse_dynamics(world, (world.initial_q, np.zeros(3)), [20.0, 0, 0], 1e-3, closest=True)
+    assert result.status == "solved"
+    simulator = Simulator(world)
+    simulator.applied_force = result.force
+    simulator.step()
+    assert simulator.state.v == pytest.approx(np.array([20.0, 0.0, 0.0]), abs=1e-6)
+
+
+def test_a_margin_without_a_limit_is_not_missed(tmp_path):
+    arms = ARMS.replace('<joint name="l1"', '<joint margin=".1" name="l1"')
+    assert not signorini.load(_write(tmp_path, "margin.xml", arms.format(""))).warnings
+    limited = arms.replace('margin=".1"', 'margin=".1" range="-1 1" limited="true"')
+    (warning,) = signorini.load(_write(tmp_path, "margin.xml", limited.format(""))).warnings
+    assert "margins" in warning

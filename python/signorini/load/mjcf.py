@@ -411,6 +411,8 @@ class _Adder:
         colliding = self._colliding()
         for kind, array, label, default in _NOT_CARRIED:
             for index in _unlike(model, array, default):
+                if array.endswith("_margin") and not getattr(model, f"{kind}_limited")[index]:
+                    continue
                 warnings.add(f"not carried over: {label}", self._source.names(kind)[index])
         for array, label, default in _GEOM_NOT_CARRIED:
             for index in _unlike(model, array, default):
