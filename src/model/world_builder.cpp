@@ -364,7 +364,7 @@ std::shared_ptr<const World> WorldBuilder::build() const {
     order.push_back(b);
     for (auto c = children[b].rbegin(); c != children[b].rend(); ++c) stack.push_back(*c);
   }
-  // Free bodies: a free joint, and nothing but fixed bodies on it.
+  // Free bodies: a free joint without armature and dry friction, and nothing but fixed bodies on it.
   std::vector<int> free_root(count, 0);  // the free body that a body is fixed to
   std::vector<std::uint8_t> articulated(count, 0);
   for (auto b = order.rbegin(); b != order.rend(); ++b)
@@ -505,7 +505,6 @@ std::shared_ptr<const World> WorldBuilder::build() const {
   }
   for (FreeBody& free : impl->free_bodies) {
     const Lump& lump = lumps[bodies[free.body].frame];
-    const double armature = bodies[free.body].joints[0].armature;
     free.mass = lump.mass;
     free.center = lump.first / lump.mass;
     const Matrix3 c = skew(free.center);
@@ -514,8 +513,7 @@ std::shared_ptr<const World> WorldBuilder::build() const {
     require(smallest > 0.0, "body '" + bodies[free.body].name + "'.inertia: smallest principal moment", smallest,
             "> 0 for a free body");
     free.inverse_inertia = free.inertia.inverse();
-    free.mass_matrix << (lump.mass + armature) * Matrix3::Identity(), -lump.mass * c, lump.mass * c,
-        lump.second + armature * Matrix3::Identity();
+    free.mass_matrix << lump.mass * Matrix3::Identity(), -lump.mass * c, lump.mass * c, lump.second;
   }
 
   // Where everything starts.
