@@ -229,8 +229,8 @@ def inverse_dynamics(
         Simulator itself, for the impulses of limits, joint friction and loops too; None: 0.
     law: "ncp", Signorini and Coulomb with maximum dissipation, or "ccp", its convex relaxation, for which rigid
         contacts cannot slide without lifting.
-    control: (num_controls,) of actuators that act as they do in a step; the answer is what must be added to them. None:
-        they do not act, the answer is what they have to give.
+    control: (num_controls,) of actuators that act as they do in a step; the answer is what must be added to them. Of
+        one with an activation this is its activation. None: they do not act, the answer is what they have to give.
     external_wrench: by name of a body: force at its origin [N] and moment [N m], 6 values, world axes.
     actuated: (num_v,) bool, where torques may act. None: where actuators are, or without any, everywhere but at free
         joints.

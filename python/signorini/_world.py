@@ -369,7 +369,7 @@ class WorldBuilder:
         return self.add_geometry(WORLD, HalfSpace(), position=(0.0, 0.0, height), material=material, name=name)
 
     def exclude(self, body_a: str, body_b: str) -> None:
-        """The geometries of these two bodies never touch."""
+        """The geometries of these two bodies never touch, unless set_pair_material is called for them afterwards."""
         self._core.exclude_bodies(self.body_index(body_a, "exclude"), self.body_index(body_b, "exclude"))
 
     def exclude_geometries(self, geometry_a: int, geometry_b: int) -> None:
@@ -377,7 +377,10 @@ class WorldBuilder:
         self._core.exclude_geometries(int(geometry_a), int(geometry_b))
 
     def set_pair_material(self, geometry_a: int, geometry_b: int, material: Material) -> None:
-        """These two geometries, by index, may touch whatever else is said, with a material of their own."""
+        """These two geometries, by index, may touch whatever else was said, with a material of their own.
+
+        Only what moves as one never touches itself.
+        """
         pair = _simulator.ContactPair()
         pair.geometry_a, pair.geometry_b = int(geometry_a), int(geometry_b)
         pair.material = _core_material(material)
@@ -408,7 +411,7 @@ class WorldBuilder:
         tendon.lower, tendon.upper = float(lower), float(upper)
         tendon.limit_stiffness, tendon.limit_damping = float(limit_stiffness), float(limit_damping)
         tendon.stiffness, tendon.damping, tendon.friction = float(stiffness), float(damping), float(friction)
-        tendon.spring_lower, tendon.spring_upper = (float(x) for x in spring_range)
+        tendon.spring_lower, tendon.spring_upper = _vector(spring_range, 2, f"tendon {name!r}.spring_range").tolist()
         self._tendon_index[name] = self._core.add_tendon(tendon)
 
     def _constraint(self, kind: str, name: str, stiffness: float, damping: float) -> Any:
@@ -474,22 +477,28 @@ class WorldBuilder:
         name: str = "",
         stiffness: float = math.inf,
         damping: float = 0.0,
+        kind: Literal["joint", "tendon"] | None = None,
     ) -> None:
         """q_joint - reference = polynomial(q_driver - driver_reference), at most quartic, constant first.
 
         Without a driver q_joint is held at reference + coefficients[0]. A URDF mimic joint is one of these. Either may
-        be a tendon, unless a joint is called the same; then q is its length.
+        be a tendon; then q is its length. kind: what both names are of; None: of joints, or tendons where no joint is
+        called so.
         """
+        if kind not in ("joint", "tendon", None):
+            raise InvalidInputError(f"kind: is {kind!r}, must be joint, tendon or None")
         if not 1 <= len(coefficients) <= 5:
             raise InvalidInputError(f"coefficients: has {len(coefficients)} values, must have 1 to 5")
         constraint = self._constraint("coupling", name, stiffness, damping)
         for side, value in (("b", joint), ("a", driver)):
             if value is None:
                 continue
-            if value in self._tendon_index and value not in self._joint_index:
-                setattr(constraint, f"tendon_{side}", self._tendon_index[value])
+            field = "joint" if side == "b" else "driver"
+            named = value in self._tendon_index and value not in self._joint_index
+            if kind == "tendon" or (kind is None and named):
+                setattr(constraint, f"tendon_{side}", self.tendon_index(value, field))
             else:
-                setattr(constraint, f"joint_{side}", self.joint_index(value, "joint" if side == "b" else "driver"))
+                setattr(constraint, f"joint_{side}", self.joint_index(value, field))
         constraint.coefficients = [float(c) for c in coefficients]
         constraint.reference_a, constraint.reference_b = float(driver_reference), float(reference)
         self._core.add_constraint(constraint)
@@ -540,8 +549,9 @@ class WorldBuilder:
         actuator.activation = getattr(_simulator.Activation, activation)
         actuator.time_constant = float(time_constant)
         for key, values in (("control", control_range), ("activation", activation_range), ("force", force_range)):
-            setattr(actuator, f"{key}_lower", float(values[0]))
-            setattr(actuator, f"{key}_upper", float(values[1]))
+            lower, upper = _vector(values, 2, f"{field}.{key}_range").tolist()
+            setattr(actuator, f"{key}_lower", lower)
+            setattr(actuator, f"{key}_upper", upper)
         self._core.add_actuator(actuator)
 
     def add_motor(

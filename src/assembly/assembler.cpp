@@ -290,7 +290,6 @@ void Assembler::add_limits(const ConstVectorRef& q, const ConstVectorRef& v, con
 void Assembler::add_joint_friction() {
   const auto num_v = static_cast<int>(world_->num_v());
   for (const auto& [velocity, force] : friction_velocities_) {
-    if (velocity >= nv_articulated_ && velocity < num_v) continue;  // of a free body: there is none
     Set& set = new_set(SetSource::JointFriction, velocity, 0, 1);
     if (velocity < num_v)
       add_term(set, velocity, 1.0);

@@ -25,6 +25,18 @@ void require_placement(const Placement& p, const std::string& field) {
           "a rotation, at most 1e-6");
 }
 
+template <class Element, class Matches>
+void remove_if(std::vector<Element>& list, Matches&& matches) {
+  list.erase(std::remove_if(list.begin(), list.end(), matches), list.end());
+}
+
+/// Either may be infinite, so that nothing is bounded there; a value has to be left between them.
+void validate_range(double lower, double upper, const std::string& name, const char* low, const char* high) {
+  require(lower < kInfinity, name + low, lower, "less than infinity");
+  require(lower <= upper, name + high, upper, "at least the lower bound");
+  require(upper > -kInfinity, name + high, upper, "more than -infinity");
+}
+
 void validate_limit(double stiffness, double damping, const std::string& name) {
   require(stiffness > 0.0, name + "limit_stiffness", stiffness, "> 0, infinite for rigid");
   require(damping >= 0.0 && damping <= 1e15, name + "limit_damping", damping, "in [0, 1e15]");
@@ -38,8 +50,7 @@ void validate(const Joint& joint, const std::string& field) {
   const bool one_value = joint.type == JointType::Revolute || joint.type == JointType::Prismatic;
   if (one_value) require(joint.axis.norm() > 1e-9, name + "axis norm", joint.axis.norm(), "> 0");
   require(std::abs(joint.reference) <= 1e9, name + "reference", joint.reference, "within +-1e9");
-  require(!std::isnan(joint.lower), name + "lower", joint.lower, "a number");
-  require(joint.lower <= joint.upper, name + "upper", joint.upper, "at least lower");
+  validate_range(joint.lower, joint.upper, name, "lower", "upper");
   if (!one_value) {
     require(joint.lower == -kInfinity, name + "lower", joint.lower,
             "-infinity: only revolute and prismatic joints have a lower limit");
@@ -198,8 +209,7 @@ int WorldBuilder::add_tendon(Tendon tendon) {
     require_one_value(term.joint, field + ".terms");
     require(std::abs(term.coefficient) <= 1e9, field + ".coefficient", term.coefficient, "within +-1e9");
   }
-  require(!std::isnan(tendon.lower), field + ".lower", tendon.lower, "a number");
-  require(tendon.lower <= tendon.upper, field + ".upper", tendon.upper, "at least lower");
+  validate_range(tendon.lower, tendon.upper, field + ".", "lower", "upper");
   validate_limit(tendon.limit_stiffness, tendon.limit_damping, field + ".");
   for (const auto& [key, value] :
        {std::make_pair("stiffness", tendon.stiffness), {"damping", tendon.damping}, {"friction", tendon.friction}})
@@ -293,11 +303,9 @@ int WorldBuilder::add_actuator(Actuator actuator) {
   if (actuator.activation == Activation::Filter)
     require(actuator.time_constant > 0.0 && actuator.time_constant <= 1e9, field + ".time_constant",
             actuator.time_constant, "in (0, 1e9] s");
-  require(actuator.activation_lower <= actuator.activation_upper, field + ".activation_range",
-          actuator.activation_lower, "ordered");
-  require(actuator.control_lower <= actuator.control_upper, field + ".control_range", actuator.control_lower,
-          "ordered");
-  require(actuator.force_lower <= actuator.force_upper, field + ".force_range", actuator.force_lower, "ordered");
+  validate_range(actuator.activation_lower, actuator.activation_upper, field + ".activation_range", "[0]", "[1]");
+  validate_range(actuator.control_lower, actuator.control_upper, field + ".control_range", "[0]", "[1]");
+  validate_range(actuator.force_lower, actuator.force_upper, field + ".force_range", "[0]", "[1]");
   actuators_.push_back(std::move(actuator));
   return static_cast<int>(actuators_.size()) - 1;
 }
@@ -306,12 +314,18 @@ void WorldBuilder::exclude_bodies(int body_a, int body_b) {
   for (const int b : {body_a, body_b})
     require(b >= 0 && b < static_cast<int>(bodies_.size()), "exclude", b, "a body added before");
   excluded_bodies_.emplace_back(body_a, body_b);
+  remove_if(contact_pairs_, [&](const ContactPair& pair) {
+    const int a = geometries_[pair.geometry_a].body, b = geometries_[pair.geometry_b].body;
+    return (a == body_a && b == body_b) || (a == body_b && b == body_a);
+  });
 }
 
 void WorldBuilder::exclude_geometries(int geometry_a, int geometry_b) {
   for (const int g : {geometry_a, geometry_b})
     require(g >= 0 && g < static_cast<int>(geometries_.size()), "exclude", g, "a geometry added before");
-  excluded_geometries_.emplace_back(std::min(geometry_a, geometry_b), std::max(geometry_a, geometry_b));
+  const int a = std::min(geometry_a, geometry_b), b = std::max(geometry_a, geometry_b);
+  excluded_geometries_.emplace_back(a, b);
+  remove_if(contact_pairs_, [&](const ContactPair& pair) { return pair.geometry_a == a && pair.geometry_b == b; });
 }
 
 void WorldBuilder::add_contact_pair(ContactPair pair) {
@@ -322,6 +336,10 @@ void WorldBuilder::add_contact_pair(ContactPair pair) {
   const std::string field =
       "contact pair (" + geometries_[pair.geometry_a].name + ", " + geometries_[pair.geometry_b].name + ")";
   pair.material.validate(field.c_str());
+  if (pair.material.frictionless) pair.material.friction = 0.0;
+  remove_if(contact_pairs_, [&](const ContactPair& other) {
+    return other.geometry_a == pair.geometry_a && other.geometry_b == pair.geometry_b;
+  });
   contact_pairs_.push_back(std::move(pair));
 }
 
@@ -346,7 +364,7 @@ std::shared_ptr<const World> WorldBuilder::build() const {
     order.push_back(b);
     for (auto c = children[b].rbegin(); c != children[b].rend(); ++c) stack.push_back(*c);
   }
-  // Free bodies: a free joint, and nothing but fixed bodies on it.
+  // Free bodies: a free joint without armature and dry friction, and nothing but fixed bodies on it.
   std::vector<int> free_root(count, 0);  // the free body that a body is fixed to
   std::vector<std::uint8_t> articulated(count, 0);
   for (auto b = order.rbegin(); b != order.rend(); ++b)
@@ -360,7 +378,9 @@ std::shared_ptr<const World> WorldBuilder::build() const {
   impl->moving_parent.assign(1, 0);
   std::vector<int> free_list;
   const auto is_free = [&](int b) {
-    return bodies[b].joints.size() == 1 && bodies[b].joints[0].type == JointType::Free && !articulated[b];
+    if (bodies[b].joints.size() != 1 || bodies[b].joints[0].type != JointType::Free || articulated[b]) return false;
+    // Armature turns no gyroscope and is at the body's origin, so its centre of mass does not move straight.
+    return bodies[b].joints[0].armature == 0.0 && bodies[b].joints[0].friction == 0.0;
   };
   for (const int b : order) {
     if (b == 0) continue;
@@ -485,7 +505,6 @@ std::shared_ptr<const World> WorldBuilder::build() const {
   }
   for (FreeBody& free : impl->free_bodies) {
     const Lump& lump = lumps[bodies[free.body].frame];
-    const double armature = bodies[free.body].joints[0].armature;
     free.mass = lump.mass;
     free.center = lump.first / lump.mass;
     const Matrix3 c = skew(free.center);
@@ -494,8 +513,7 @@ std::shared_ptr<const World> WorldBuilder::build() const {
     require(smallest > 0.0, "body '" + bodies[free.body].name + "'.inertia: smallest principal moment", smallest,
             "> 0 for a free body");
     free.inverse_inertia = free.inertia.inverse();
-    free.mass_matrix << (lump.mass + armature) * Matrix3::Identity(), -lump.mass * c, lump.mass * c,
-        lump.second + armature * Matrix3::Identity();
+    free.mass_matrix << lump.mass * Matrix3::Identity(), -lump.mass * c, lump.mass * c, lump.second;
   }
 
   // Where everything starts.

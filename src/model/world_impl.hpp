@@ -25,14 +25,15 @@ struct ArticulatedJoint {
   Index num_v() const { return type == JointType::Free ? 6 : type == JointType::Ball ? 3 : 1; }
 };
 
-/// A body on a free joint with nothing moving on it: closed forms, so that piles of thousands cost what they have to.
+/// A body on a free joint without armature and dry friction, nothing moving on it: closed forms, so that piles of
+/// thousands cost what they have to.
 struct FreeBody {
   int body = 0;
   Index q = 0, v = 0;  ///< first entries of its joint in q and v
   double mass = 0.0;
   Vector3 center = Vector3::Zero();  ///< of mass, in the frame of the body
   Matrix3 inertia, inverse_inertia;  ///< about the centre of mass
-  Matrix6 mass_matrix;               ///< about the frame's origin, (linear, angular), armature included
+  Matrix6 mass_matrix;               ///< about the frame's origin, (linear, angular)
 };
 
 struct World::Impl {

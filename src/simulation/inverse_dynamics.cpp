@@ -401,7 +401,9 @@ bool InverseDynamics::Impl::misses_limit() const {
     if (joint.num_v() == 1 && misses_either(joint, j, q[joint.q_index], u[joint.v_index])) return true;
     if (joint.type != JointType::Ball || joint.upper == kInfinity) continue;
     const double angle = 2.0 * std::atan2(q.segment<3>(joint.q_index).norm(), std::abs(q[joint.q_index + 3]));
-    if (misses(SetSource::UpperLimit, j, joint.upper - angle, -u.segment<3>(joint.v_index).norm())) return true;
+    // Where the assembler sees no axis there is no limit yet.
+    if (angle > 2e-9 && misses(SetSource::UpperLimit, j, joint.upper - angle, -u.segment<3>(joint.v_index).norm()))
+      return true;
   }
   for (std::size_t t = 0; t < world->tendons().size(); ++t) {
     const Tendon& tendon = world->tendons()[t];

@@ -225,7 +225,7 @@ def test_equalities_meet_at_the_start(tmp_path):
 
 
 def test_what_is_not_carried_over_is_listed(tmp_path):
-    text = """<mujoco><option viscosity="1"><flag limit="disable"/></option>
+    text = """<mujoco><option viscosity="1"><flag filterparent="disable"/></option>
     <asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/></asset>
     <worldbody><light/><camera/><site name="s"/>
       <geom name="floor" type="plane" size="1 1 1" friction="0.5"/>
@@ -252,7 +252,7 @@ def test_what_is_not_carried_over_is_listed(tmp_path):
         "they pull spatial tendons: winch",
         "gear turns several axes, or none, or pushes a free body: both",
         "viscosity",
-        'limit="disable"',
+        'filterparent="disable"',
     ):
         assert words in told
     for irrelevant in ("light", "camera"):

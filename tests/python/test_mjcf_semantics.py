@@ -1,6 +1,7 @@
 """What an MJCF file means, against MuJoCo's own numbers for the same file."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -466,3 +467,254 @@ def test_a_weld_of_bodies_that_are_fixed_to_each_other_does_nothing():
     simulator.step(10)
     assert simulator.report.status == "solved"
     assert simulator.state.v[2] == pytest.approx(-9.81e-2)
+
+
+def test_a_tendon_equality_is_not_that_of_a_joint_of_the_same_name(tmp_path):
+    text = """<mujoco><worldbody>
+      <body><joint name="x" axis="0 1 0"/><geom size=".1"/></body>
+      <body pos="1 0 0"><joint name="y" axis="0 1 0"/><geom size=".1"/></body></worldbody>
+      <tendon><fixed name="x"><joint joint="y" coef="2"/></fixed></tendon>
+      <equality><tendon tendon1="x" polycoef=".3 0 0 0 0"/></equality></mujoco>"""
+    simulator = Simulator(signorini.load(_write(tmp_path, "clash.xml", text)))
+    simulator.step(500)
+    assert simulator.state.q == pytest.approx([0.0, 0.15], abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("solref", "solimp"),
+    [
+        ("0.02 1", ".2 .95 0 .5 2"),  # no width
+        ("-100 1", ".8 .9 .001 .5 2"),  # of neither format: the default
+        (".05 0", ".8 .9 .001 .5 2"),
+        ("1e-200 1", ".8 .9 .001 .5 2"),
+    ],
+)
+def test_odd_solref_and_solimp(tmp_path, solref, solimp):
+    text = f"""<mujoco><worldbody><geom type="plane" size="1 1 1" solref="{solref}" solimp="{solimp}"/>
+      <body pos="0 0 .0999"><freejoint/><geom size=".1" solref="{solref}" solimp="{solimp}"/></body>
+      </worldbody></mujoco>"""
+    path = _write(tmp_path, "odd.xml", text)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    numbers = [float(x) for x in solimp.split()]
+    assert impedance(numbers, 1e-4) == pytest.approx(data.efc_KBIP[0, 2], rel=1e-9)
+    held = signorini.load(path).geometries[1].material
+    if solref.startswith("1e-200"):
+        assert math.isinf(held.stiffness)
+    else:
+        expected = spring((0.02, 1.0), numbers, float(model.body_invweight0[1, 0]), "file")
+        assert (held.stiffness, held.damping) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("more", "warning", "left"),
+    [
+        ('<motor tendon="t" gear="0"/>', "their gear is 0", 0),
+        ('<motor joint="l1" group="3"/>', "their group is disabled", 0),
+        ('<motor joint="l1"/></actuator><option><flag actuation="disable"/></option><actuator>', "is disabled", 0),
+        ('<motor tendon="t"/>', "actuatorfrcrange .*: r2", 1),  # which the tendon goes over
+        ('<motor joint="r2"/><motor site="tip" gear="0 0 1"/>', None, 2),
+        ('<motor joint="l2"/><motor site="tip" gear="0 0 1"/>', "actuatorfrcrange .*: l2", 2),
+        ('<motor tendon="t" armature=".1"/>', "armature of actuators", 1),
+    ],
+)
+def test_what_actuators_lose_is_listed(tmp_path, more, warning, left):
+    arms = ARMS.replace("<option ", '<option actuatorgroupdisable="3" ')
+    name = "l2" if warning and "l2" in warning else "r2"
+    if warning is None or "frcrange" in warning:
+        arms = arms.replace(f'<joint name="{name}"', f'<joint actuatorfrcrange="-1 1" name="{name}"')
+    text = arms.format(TENDON.format(' actuatorfrcrange="-1 1"') + f"<actuator>{more}</actuator>")
+    world = signorini.load(_write(tmp_path, "lost.xml", text))
+    assert len(world.actuators) == left
+    if warning is None:
+        assert not world.warnings
+    else:
+        (told,) = world.warnings
+        assert re.search(warning, told)
+
+
+def test_the_range_of_a_joint_clips_what_the_actuators_own_range_let_pass(tmp_path):
+    arms = ARMS.replace('<joint name="l1"', '<joint actuatorfrcrange="-1 .5" name="l1"')
+    _, simulator, model, data = both(
+        tmp_path, '<actuator><motor joint="l1" gear="-2" forcerange="1 3"/></actuator>', arms
+    )
+    set_state(simulator, model, data, 0, ctrl=[2.0])
+    ours, theirs = accelerations(simulator, model, data)
+    assert ours == pytest.approx(theirs, rel=5e-3, abs=5e-3 * np.abs(theirs).max())
+
+
+FREE = """<mujoco><worldbody><body name="b"><joint type="free" {}/>
+  <geom type="box" size=".1 .2 .05" pos=".1 0 .05" mass="1"/></body></worldbody></mujoco>"""
+
+
+def test_armature_of_a_free_joint_turns_no_gyroscope(tmp_path):
+    path = _write(tmp_path, "free.xml", FREE.format('armature=".3"'))
+    world, model = signorini.load(path), mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    data.qvel[:] = 0.3, -1.0, 0.5, 2.0, 4.0, 1.0
+    mujoco.mj_forward(model, data)
+    simulator = Simulator(world, time_step=1e-6)
+    _, simulator.state.v = mjcf.state(mjcf.read(path), world, data.qpos, data.qvel)
+    simulator.step()
+    assert (simulator.state.v[3:] - data.qvel[3:]) / 1e-6 == pytest.approx(data.qacc[3:], abs=1e-3)
+    linear = simulator.state.v[:3] + 1e-6 * np.cross(data.qvel[3:], data.qvel[:3])  # from the body's axes that turn
+    assert (linear - data.qvel[:3]) / 1e-6 == pytest.approx(data.qacc[:3], abs=1e-3)
+
+
+def test_dry_friction_of_a_free_joint_holds_it(tmp_path):
+    simulator = Simulator(signorini.load(_write(tmp_path, "free.xml", FREE.format('frictionloss="10"'))))
+    simulator.step(50)
+    assert np.abs(simulator.state.v).max() < 1e-9
+    simulator.applied_force = np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
+    simulator.step(50)
+    assert simulator.state.v[2] < -0.01
+
+
+TWO = """<mujoco><worldbody>{}<body name="a" pos="0 0 .1"><freejoint/><geom name="g" size=".1"/>
+  <body name="b" pos="0 0 .15"><joint axis="0 0 1"/><geom name="h" size=".1"/></body></body></worldbody>{}</mujoco>"""
+FLOOR, PAIR = '<geom type="plane" size="1 1 1"/>', '<contact><pair geom1="g" geom2="h"/></contact>'
+
+
+@pytest.mark.parametrize("options", [{"self_collision": False}, {"exclude_overlapping": True}])
+def test_what_the_caller_excludes_overrules_pairs_of_the_file(tmp_path, options):
+    path = _write(tmp_path, "pair.xml", TWO.format("", PAIR))
+    assert [pair[:2] for pair in signorini.load(path).touching_pairs()] == [(0, 1)]
+    assert not signorini.load(path, **options).touching_pairs()
+
+
+def test_a_floor_is_not_a_part_of_the_robot(tmp_path):
+    path = _write(tmp_path, "floor.xml", TWO.format(FLOOR, ""))
+    simulator = Simulator(signorini.load(path, self_collision=False))
+    simulator.step(100)
+    assert simulator.state.q[2] == pytest.approx(0.1, abs=1e-5)
+
+
+def test_ground_holds_what_overlapped_a_floor_of_the_file(tmp_path):
+    text = TWO.format(FLOOR.replace("<geom", '<geom pos="0 0 .01"'), "")
+    world = signorini.load(_write(tmp_path, "floor.xml", text), exclude_overlapping=True, ground=True)
+    (warning,) = world.warnings
+    assert "overlap" in warning
+    simulator = Simulator(world)
+    simulator.step(100)
+    assert simulator.state.q[2] == pytest.approx(0.1, abs=1e-5)
+
+
+def test_the_last_word_about_a_pair_counts():
+    builder = WorldBuilder()
+    ground = builder.add_ground()
+    builder.add_body(
+        "b", joints=[signorini.Joint("b", "free")], mass=1.0, inertia=0.1 * np.eye(3), position=(0, 0, 0.1)
+    )
+    box = builder.add_geometry("b", signorini.Box((0.1, 0.1, 0.1)))
+
+    def slowed() -> float:
+        simulator = Simulator(builder.build())
+        simulator.state.v[0] = 2.0
+        simulator.step(100)
+        return float((2.0 - simulator.state.v[0]) / 0.981)
+
+    builder.exclude("b", "world")
+    for material, friction in ((Material(friction=0.3), 0.3), (Material(0.5), 0.5), (Material(frictionless=True), 0.0)):
+        builder.set_pair_material(box, ground, material)
+        assert slowed() == pytest.approx(friction, abs=2e-3)
+    builder.set_pair_material(box, ground, Material())
+    builder.exclude_geometries(box, ground)
+    assert not builder.build().touching_pairs(margin=0.01)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda b: b.add_tendon("t", {"j": 1.0}, lower=math.inf), "lower"),
+        (lambda b: b.add_tendon("t", {"j": 1.0}, upper=-math.inf), "upper"),
+        (lambda b: b.add_tendon("t", {"j": 1.0}, spring_range=(1.0,)), "spring_range"),
+        (lambda b: b.add_body("c", joints=[signorini.Joint("k", lower=math.inf)]), "lower"),
+        (lambda b: b.add_actuator("a", "j", force_range=(math.inf, math.inf)), "force_range"),
+        (lambda b: b.add_actuator("a", "j", control_range=(-math.inf, -math.inf)), "control_range"),
+        (lambda b: b.add_actuator("a", "j", activation_range=(math.nan, 0.0)), "activation_range"),
+        (lambda b: b.add_actuator("a", "j", force_range=(1.0,)), "force_range"),
+        (lambda b: b.add_coupling("j", None, kind="tendon"), "there is no 'j'"),
+        (lambda b: b.add_coupling("j", None, kind="body"), "kind"),
+    ],
+)
+def test_ranges_leave_a_value(call, message):
+    builder = WorldBuilder()
+    builder.add_body("b", joints=[signorini.Joint("j")], mass=1.0, inertia=np.eye(3))
+    with pytest.raises(InvalidInputError, match=message):
+        call(builder)
+
+
+@pytest.mark.parametrize("flag", ["spring", "damper", "clampctrl", "gravity"])
+def test_what_flags_switch_off(tmp_path, flag):
+    more = (
+        TENDON.format(' stiffness="30" springlength="1" damping="2"')
+        + """<actuator>
+      <motor joint="l1" gear="3" ctrlrange="-.1 .1" ctrllimited="true" damping="1"/></actuator>"""
+    )
+    arms = ARMS.replace('name="l2" axis', 'name="l2" stiffness="20" springref="1" axis')
+    on = arms.format(more)
+    off = on.replace("</option>", "").replace('"0 0 -9.81"/>', f'"0 0 -9.81"><flag {flag}="disable"/></option>')
+    found = []
+    for text in (on, off):
+        path = _write(tmp_path, "flags.xml", text)
+        model, simulator = mujoco.MjModel.from_xml_path(str(path)), Simulator(signorini.load(path), time_step=1e-6)
+        data = mujoco.MjData(model)
+        set_state(simulator, model, data, 3, ctrl=[2.0])
+        ours, theirs = accelerations(simulator, model, data)
+        assert ours == pytest.approx(theirs, rel=5e-3, abs=5e-3 * np.abs(theirs).max())
+        found.append(theirs)
+    assert np.abs(found[0] - found[1]).max() > 0.1
+
+
+def test_flags_switch_constraints_off(tmp_path):
+    text = """<mujoco><option><flag {}="disable"/></option><worldbody><geom type="plane" size="1 1 1"/>
+      <body pos="0 0 .1"><joint name="x" type="slide" axis="0 0 1" range="-.1 1" limited="true" frictionloss=".1"/>
+        <geom size=".1"/></body></worldbody><equality><joint joint1="x"/></equality></mujoco>"""
+    left = {}
+    for flag in ("limit", "contact", "equality", "frictionloss", "constraint", "midphase"):
+        world = signorini.load(_write(tmp_path, "flags.xml", text.format(flag)))
+        joint = world.joints[0]
+        has = (joint.lower == -0.1, bool(world.geometries), bool(world.constraints), joint.friction > 0.0)
+        left[flag] = "".join("01"[x] for x in has)
+    assert left == {
+        "limit": "0111", "contact": "1011", "equality": "1101", "frictionloss": "1110", "constraint": "0000",
+        "midphase": "1111",
+    }  # fmt: skip
+
+
+def test_the_softness_of_a_fixed_geom_with_priority_is_lost_and_listed(tmp_path):
+    text = GEOMS.format(floor=1, box=1, floor_more='priority="1" solref=".05 1"', box_more="", more="")
+    world = signorini.load(_write(tmp_path, "soft.xml", text))
+    (warning,) = world.warnings
+    assert "priority" in warning
+    assert "floor" in warning
+    assert not signorini.load(tmp_path / "soft.xml", compliance="rigid").warnings
+
+
+def test_meshes_that_only_show_are_shown(tmp_path):
+    text = """<mujoco><asset><mesh name="m" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset><worldbody><body><freejoint/>
+      <geom size=".1"/><geom type="mesh" mesh="m" contype="0" conaffinity="0"/></body></worldbody></mujoco>"""
+    world = signorini.load(_write(tmp_path, "mesh.xml", text))
+    assert not world.warnings
+    assert [type(visual.shape).__name__ for visual in world.visuals] == ["Sphere", "TriangleMesh"]
+
+
+def test_a_fast_ball_joint_at_rest_inverts():
+    builder = WorldBuilder(gravity=(0, 0, 0))
+    builder.add_body("b", joints=[signorini.Joint("j", "ball", upper=0.01)], mass=1.0, inertia=np.eye(3))
+    world = builder.build()
+    result = signorini.inverse_dynamics(world, (world.initial_q, np.zeros(3)), [20.0, 0, 0], 1e-3, closest=True)
+    assert result.status == "solved"
+    simulator = Simulator(world)
+    simulator.applied_force = result.force
+    simulator.step()
+    assert simulator.state.v == pytest.approx(np.array([20.0, 0.0, 0.0]), abs=1e-6)
+
+
+def test_a_margin_without_a_limit_is_not_missed(tmp_path):
+    arms = ARMS.replace('<joint name="l1"', '<joint margin=".1" name="l1"')
+    assert not signorini.load(_write(tmp_path, "margin.xml", arms.format(""))).warnings
+    limited = arms.replace('margin=".1"', 'margin=".1" range="-1 1" limited="true"')
+    (warning,) = signorini.load(_write(tmp_path, "margin.xml", limited.format(""))).warnings
+    assert "margins" in warning

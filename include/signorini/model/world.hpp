@@ -66,7 +66,7 @@ struct Geometry {
   std::uint32_t group = 1, mask = 1;  ///< two geometries may touch if (group_a & mask_b) | (group_b & mask_a)
 };
 
-/// Two geometries that may touch whatever their groups, bodies and exclusions say, with a material of their own.
+/// Two geometries that may touch whatever their groups and bodies say, with a material of their own.
 struct ContactPair {
   int geometry_a = 0, geometry_b = 0;
   Material material;

@@ -18,10 +18,11 @@ class WorldBuilder {
   int add_tendon(Tendon tendon);
   int add_constraint(EqualityConstraint constraint);
   int add_actuator(Actuator actuator);
-  /// The geometries of these bodies never touch.
+  /// The geometries of these bodies never touch, unless a contact pair that is added later says so.
   void exclude_bodies(int body_a, int body_b);
   void exclude_geometries(int geometry_a, int geometry_b);
-  /// These two may touch whatever else is said, with a material of their own.
+  /// These two may touch whatever else was said, with a material of their own, which replaces that of an earlier pair;
+  /// not when they move as one.
   void add_contact_pair(ContactPair pair);
 
   int find_body(const std::string& name) const;   ///< -1: none

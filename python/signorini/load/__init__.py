@@ -18,6 +18,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Protocol, TypeVar
 
@@ -33,6 +34,7 @@ from signorini.load._placement import Placement, from_quaternion
 if TYPE_CHECKING:
     from signorini._world import Material, World, WorldBuilder
 
+WORLD = "world"
 __all__ = ["Added", "add_file", "exclude_overlapping_pairs", "file_format", "load"]
 
 Format = Literal["urdf", "mjcf", "sdf"]
@@ -243,8 +245,13 @@ def exclude_overlapping_pairs(
                 pair = file.body_of_geometry.get(a, ""), file.body_of_geometry.get(b, "")
                 if all(pair) and file.together(*pair) and distance < 0.0:
                     found[pair] = min(found.get(pair, 0.0), distance)
-    for body_a, body_b in found:
-        builder.exclude(body_a, body_b)
+    for pair in found:
+        if WORLD not in pair:
+            builder.exclude(*pair)
+            continue
+        owner = next(file for file in files if set(pair) & set(file.bodies)).body_of_geometry
+        for a, b in product(*([g for g, body in owner.items() if body == one] for one in pair)):
+            builder.exclude_geometries(a, b)  # not the bodies: the world may have others, like a ground
     if found:
         listed = ", ".join(f"{a} and {b} ({-1e3 * depth:.2g} mm)" for (a, b), depth in found.items())
         builder.warn(f"bodies that overlap at the start never touch: {listed}")
@@ -350,7 +357,7 @@ def _add(
             if body_a in known and body_b in known:
                 builder.exclude(body_a, body_b)
     if not self_collision:
-        bodies = list(dict.fromkeys(added.body_of_geometry.values()))
+        bodies = [body for body in dict.fromkeys(added.body_of_geometry.values()) if body != WORLD]
         for i, body in enumerate(bodies):
             for other in bodies[:i]:
                 if added.together(other, body):

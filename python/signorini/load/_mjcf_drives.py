@@ -32,6 +32,7 @@ class Source(Protocol):
     options: Options
     warnings: Warnings
     geometries_of: dict[int, list[int]]
+    collides: bool
 
     def name(self, kind: str, index: int) -> str: ...
     def body(self, body: int) -> str: ...
@@ -49,9 +50,11 @@ def add(source: Source) -> None:
             reason = drives.add_actuator(actuator)
             if reason:
                 source.warnings.add(f"actuators that are not carried over, {reason}", source.name("actuator", actuator))
+        drives.list_ranges()
+    drives.list_losses()
     for equality in range(source.model.neq):
         drives.add_equality(equality)
-    for pair in range(source.model.npair):
+    for pair in range(source.model.npair if source.collides else 0):
         drives.add_pair(pair)
 
 
@@ -143,6 +146,11 @@ class _Drives:
     def add_actuator(self, actuator: int) -> str | None:
         """Adds one; or returns why it has no equal here."""
         model, mj = self._model, self._mujoco
+        if model.opt.disableflags & int(mj.mjtDisableBit.mjDSBL_ACTUATION):
+            return "actuation is disabled"
+        group = int(model.actuator_group[actuator])
+        if 0 <= group < 31 and model.opt.disableactuator >> group & 1:
+            return "their group is disabled"
         if any(int(getattr(model, f"actuator_{n}num", np.ones(model.nu))[actuator]) > 1 for n in ("ctrl", "out")):
             return "they have several controls"
         dynamics, gain, bias = (int(getattr(model, f"actuator_{n}type")[actuator]) for n in ("dyn", "gain", "bias"))
@@ -184,6 +192,8 @@ class _Drives:
         if kind == kinds.mjTRN_TENDON:
             if target not in self._tendons:
                 return "they pull spatial tendons"
+            if gear[0] == 0.0:
+                return "their gear is 0"
             return {"tendon": self._source.name("tendon", target), "gear": float(gear[0])}
         if kind == kinds.mjTRN_SITE:
             if model.actuator_trnid[actuator, 1] >= 0:
@@ -240,16 +250,59 @@ class _Drives:
             return force
         kind = "tendon" if "tendon" in target else "jnt"
         index = int(model.actuator_trnid[actuator, 0])
-        if not getattr(model, f"{kind}_actfrclimited")[index]:
-            return force
-        of_kind = (model.actuator_trntype <= 1) if kind == "jnt" else model.actuator_trntype == 3
-        if (of_kind & (model.actuator_trnid[:, 0] == index)).sum() != 1:
-            self._warnings.add(
-                "actuatorfrcrange of what several actuators drive is not carried over", self._source.name(kind, index)
-            )
+        if not getattr(model, f"{kind}_actfrclimited")[index] or self._drivers(kind, index) != [actuator]:
             return force
         low, high = sorted(float(x) / target["gear"] for x in getattr(model, f"{kind}_actfrcrange")[index])
-        return max(force[0], low), min(force[1], high)
+        return min(max(force[0], low), high), min(max(force[1], low), high)
+
+    def list_ranges(self) -> None:
+        """Ranges of what is not driven by one actuator of its own."""
+        model, trn = self._model, self._mujoco.mjtTrn
+        for kind, own in (("jnt", (trn.mjTRN_JOINT, trn.mjTRN_JOINTINPARENT)), ("tendon", (trn.mjTRN_TENDON,))):
+            for index in np.flatnonzero(getattr(model, f"{kind}_actfrclimited")):
+                drivers = self._drivers(kind, int(index))
+                if drivers and (len(drivers) > 1 or int(model.actuator_trntype[drivers[0]]) not in own):
+                    self._warnings.add(
+                        "actuatorfrcrange is carried over only for what one actuator drives, itself",
+                        self._source.name(kind, int(index)),
+                    )
+
+    def _drivers(self, kind: str, index: int) -> list[int]:
+        """Actuators whose force a joint or tendon feels."""
+        return [a for a in range(self._model.nactuator) if index in self._driven(kind, a)]
+
+    def _driven(self, kind: str, actuator: int) -> set[int]:
+        model, trn = self._model, self._mujoco.mjtTrn
+        transmission, target = int(model.actuator_trntype[actuator]), int(model.actuator_trnid[actuator, 0])
+        if transmission == trn.mjTRN_TENDON:
+            first = int(model.tendon_adr[target])
+            wraps = range(first, first + int(model.tendon_num[target]))
+            joints = {
+                int(model.wrap_objid[w]) for w in wraps if model.wrap_type[w] == self._mujoco.mjtWrap.mjWRAP_JOINT
+            }
+            return {target} if kind == "tendon" else joints
+        if kind == "tendon":
+            return set()
+        if transmission == trn.mjTRN_SITE:
+            body, moved = int(model.site_bodyid[target]), set[int]()
+            while body:
+                first = int(model.body_jntadr[body])
+                moved.update(range(first, first + int(model.body_jntnum[body])))
+                body = int(model.body_parentid[body])
+            return moved
+        return {target} if transmission in (trn.mjTRN_JOINT, trn.mjTRN_JOINTINPARENT) else set()
+
+    def list_losses(self) -> None:
+        """Damping and armature that drive_losses() and tendons do not have."""
+        model, trn = self._model, self._mujoco.mjtTrn
+        for name in ("damping", "armature"):
+            for actuator in np.flatnonzero(getattr(model, f"actuator_{name}", np.zeros(0))):
+                kind, target = int(model.actuator_trntype[actuator]), int(model.actuator_trnid[actuator, 0])
+                if kind in (trn.mjTRN_JOINT, trn.mjTRN_JOINTINPARENT) and model.jnt_type[target] >= 2:
+                    continue
+                if kind != trn.mjTRN_TENDON or name == "armature":
+                    label = f"not carried over: {name} of actuators on tendons, ball and free joints"
+                    self._warnings.add(label, self._source.name("actuator", int(actuator)))
 
     # Equalities
 
@@ -292,6 +345,7 @@ class _Drives:
             name=name,
             stiffness=held.stiffness,
             damping=held.damping,
+            kind="joint" if kind == "jnt" else "tendon",
         )
 
     def _tie(self, equality: int, kind: int, name: str, data: Array, first: int, second: int) -> Callable[[], None]:

@@ -29,12 +29,14 @@ def is_default(solref: npt.ArrayLike, solimp: npt.ArrayLike) -> bool:
 
 
 def impedance(solimp: npt.ArrayLike, distance: float) -> float:
-    """MuJoCo's d(r): from solimp[0] at r = 0 to solimp[1] at r = solimp[2] and beyond."""
+    """MuJoCo's d(r): from solimp[0] at r = 0 to solimp[1] at r = solimp[2] and beyond; their mean for no width."""
     low, high, width, middle, power = (float(x) for x in np.asarray(solimp, dtype=np.float64))
     low, high, middle = (min(max(x, 1e-4), 1.0 - 1e-4) for x in (low, high, middle))
+    if width <= 1e-15:
+        return 0.5 * (low + high)
     share: float
     power = max(power, 1.0)
-    x = min(abs(distance) / width, 1.0) if width > 0.0 else 1.0
+    x = min(abs(distance) / width, 1.0)
     if x <= middle:
         share = x**power / middle ** (power - 1.0)
     else:
@@ -48,12 +50,15 @@ def spring(solref: npt.ArrayLike, solimp: npt.ArrayLike, inverse_inertia: float,
     MuJoCo's constraint moves with acceleration (1 - d) a - d (b v + d k r), a being that without it: at rest under
     gravity r = (1 - d) g / (d^2 k). inverse_inertia [1/kg]: of what it holds, MuJoCo's invweight0; 0: rigid.
     """
-    if compliance == "rigid" or inverse_inertia <= 0.0 or (compliance == "file" and is_default(solref, solimp)):
-        return RIGID
     time, ratio = (float(x) for x in np.asarray(solref, dtype=np.float64))
+    if (time > 0.0) != (ratio > 0.0):
+        time, ratio = SOLREF  # neither of MuJoCo's two formats: it takes its default then
+    if compliance == "rigid" or inverse_inertia <= 0.0 or (compliance == "file" and is_default((time, ratio), solimp)):
+        return RIGID
     high = min(max(float(np.asarray(solimp)[1]), 1e-4), 1.0 - 1e-4)
     if time > 0.0:
-        k, b = 1.0 / (high * time * max(ratio, 1e-9)) ** 2, 2.0 / (high * time)
+        time, ratio = max(time, 1e-12), max(ratio, 1e-12)
+        k, b = 1.0 / (high * time * ratio) ** 2, 2.0 / (high * time)
     else:
         k, b = -time / high**2, -ratio / high
     if not k > 0.0:
@@ -67,4 +72,5 @@ def spring(solref: npt.ArrayLike, solimp: npt.ArrayLike, inverse_inertia: float,
         else:
             up = middle
     d = impedance(solimp, up)
-    return Spring(k * d**2 / (1.0 - d) / inverse_inertia, b * d / math.sqrt(1.0 - d) / inverse_inertia)
+    found = Spring(k * d**2 / (1.0 - d) / inverse_inertia, b * d / math.sqrt(1.0 - d) / inverse_inertia)
+    return found if max(found) <= 1e15 else RIGID

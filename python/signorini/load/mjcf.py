@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from signorini._core import InvalidInputError
 from signorini.load import _mjcf_drives, _mjcf_scan, mesh
+from signorini.load._mjcf_softness import is_default
 from signorini.load._options import Added, Options, Warnings
 from signorini.load._placement import Placement, from_quaternion
 
@@ -26,19 +27,17 @@ Array = npt.NDArray[np.float64]
 Result = TypeVar("Result")
 
 WORLD = "world"
-#: Flags of <option> that change the physics, by what switching them off does.
-_FLAGS = {
-    "mjDSBL_CONSTRAINT": "constraint",
-    "mjDSBL_EQUALITY": "equality",
-    "mjDSBL_FRICTIONLOSS": "frictionloss",
-    "mjDSBL_LIMIT": "limit",
-    "mjDSBL_CONTACT": "contact",
-    "mjDSBL_SPRING": "spring",
-    "mjDSBL_DAMPER": "damper",
-    "mjDSBL_CLAMPCTRL": "clampctrl",
-    "mjDSBL_FILTERPARENT": "filterparent",
-    "mjDSBL_ACTUATION": "actuation",
+#: Flags of <option> that, disabled, take something away: the arrays that are 0 then.
+_FLAGS: dict[str, tuple[str, ...]] = {
+    "mjDSBL_EQUALITY": ("eq_active0",),
+    "mjDSBL_FRICTIONLOSS": ("dof_frictionloss", "tendon_frictionloss"),
+    "mjDSBL_LIMIT": ("jnt_limited", "tendon_limited"),
+    "mjDSBL_CONTACT": ("geom_contype", "geom_conaffinity"),
+    "mjDSBL_SPRING": ("jnt_stiffness", "tendon_stiffness"),
+    "mjDSBL_DAMPER": ("dof_damping", "tendon_damping", "actuator_damping"),
+    "mjDSBL_CLAMPCTRL": ("actuator_ctrllimited",),
 }
+_CONSTRAINTS = ("mjDSBL_EQUALITY", "mjDSBL_FRICTIONLOSS", "mjDSBL_LIMIT", "mjDSBL_CONTACT")
 #: Arrays over all that differ from their default only when the file asks for something that is not carried over.
 _NOT_CARRIED: tuple[tuple[str, str, str, float], ...] = (
     ("jnt", "jnt_stiffnesspoly", "springs of higher order of joints", 0.0),
@@ -83,10 +82,18 @@ class Mjcf:
     def __init__(self, path: Path, mujoco: Any, model: Any) -> None:
         self.path, self.model, self._mujoco = path, model, mujoco
         self._names: dict[str, list[str]] = {}
+        for flag, arrays in _FLAGS.items():
+            if self.disables(flag) or (self.disables("mjDSBL_CONSTRAINT") and flag in _CONSTRAINTS):
+                for array in arrays:
+                    if hasattr(model, array):
+                        getattr(model, array)[:] = 0
+
+    def disables(self, flag: str) -> bool:
+        return bool(self.model.opt.disableflags & int(getattr(self._mujoco.mjtDisableBit, flag)))
 
     @property
     def gravity(self) -> tuple[float, float, float] | None:
-        if self.model.opt.disableflags & self._mujoco.mjtDisableBit.mjDSBL_GRAVITY:
+        if self.disables("mjDSBL_GRAVITY"):
             return 0.0, 0.0, 0.0
         x, y, z = self.model.opt.gravity
         return float(x), float(y), float(z)
@@ -136,6 +143,8 @@ class _Adder:
             raise InvalidInputError(f"{source.path}: floating_base must not be given, MJCF says itself what is free")
         self.builder, self._source, self.mujoco, self.options = builder, source, mujoco, options
         self.model = source.model
+        #: False: the file disables all contact
+        self.collides = not (source.disables("mjDSBL_CONTACT") or source.disables("mjDSBL_CONSTRAINT"))
         self.warnings = Warnings(source.path)
         self.geometries_of: dict[int, list[int]] = {}  # of a geom
         self._added = Added(source.path)
@@ -248,6 +257,8 @@ class _Adder:
 
     def _colliding(self) -> list[int]:
         model = self.model
+        if not self.collides:
+            return []
         paired = {int(geom) for geom in (*model.pair_geom1, *model.pair_geom2)}
         return [g for g in range(model.ngeom) if model.geom_contype[g] or model.geom_conaffinity[g] or g in paired]
 
@@ -314,7 +325,7 @@ class _Adder:
         if model.geom_group[geom] > 2 or color[3] == 0.0:
             return
         shape: Shape | TriangleMesh | None
-        if model.geom_type[geom] in (mj.mjtGeom.mjGEOM_MESH, mj.mjtGeom.mjGEOM_SDF):
+        if int(model.geom_type[geom]) in (mj.mjtGeom.mjGEOM_MESH, mj.mjtGeom.mjGEOM_SDF):
             shape = TriangleMesh(*self._triangles(geom))
         elif model.geom_type[geom] == mj.mjtGeom.mjGEOM_HFIELD:
             shape = self._height_field(geom)
@@ -348,6 +359,9 @@ class _Adder:
         if asked is not None:
             return asked
         held = _mjcf_drives.geom_spring(self, geom)
+        soft = self.options.compliance != "rigid" and not is_default(model.geom_solref[geom], model.geom_solimp[geom])
+        if soft and model.geom_priority[geom] > 0 and math.isinf(held.stiffness):
+            self.warnings.add("solref and solimp of geoms with priority that are fixed to the world", self._geoms[geom])
         return Material(
             friction=float(model.geom_friction[geom, 0]),
             stiffness=held.stiffness,
@@ -397,6 +411,8 @@ class _Adder:
         colliding = self._colliding()
         for kind, array, label, default in _NOT_CARRIED:
             for index in _unlike(model, array, default):
+                if array.endswith("_margin") and not getattr(model, f"{kind}_limited")[index]:
+                    continue
                 warnings.add(f"not carried over: {label}", self._source.names(kind)[index])
         for array, label, default in _GEOM_NOT_CARRIED:
             for index in _unlike(model, array, default):
@@ -412,9 +428,10 @@ class _Adder:
 
     def _list_options(self) -> None:
         model, mj = self.model, self.mujoco
-        for flag, label in _FLAGS.items():
-            if model.opt.disableflags & int(getattr(mj.mjtDisableBit, flag)):
-                self.warnings.add("option flags that are not carried over", f'{label}="disable"')
+        if not self.collides and model.ngeom:
+            self.warnings.add("the file disables contact, nothing of it collides")
+        if self._source.disables("mjDSBL_FILTERPARENT"):
+            self.warnings.add("option flags that are not carried over", 'filterparent="disable"')
         if model.opt.enableflags & int(mj.mjtEnableBit.mjENBL_OVERRIDE):
             self.warnings.add("option flags that are not carried over", 'override="enable"')
         fluid = [name for name in ("density", "viscosity") if getattr(model.opt, name) != 0.0]
