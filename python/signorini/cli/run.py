@@ -14,6 +14,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 import signorini
 from signorini._hardest import Hardest
@@ -77,9 +78,9 @@ def _source(scene: str, ground: bool, floating: bool | None, options: list[str])
 def run(
     scene: Annotated[str, typer.Argument(metavar="SCENE|FILE", help="A scene of `signorini scenes`, or a robot file.")],
     duration: Annotated[
-        float | None, typer.Option(help="Simulated time [s]; default: the scene's own, files 2 s.")
+        float | None, typer.Option(help="Simulated time in s; default: the scene's own, files 2 s.")
     ] = None,
-    dt: Annotated[float, typer.Option(help="Time step [s], in [1e-6, 0.1].")] = 1e-3,
+    dt: Annotated[float, typer.Option(help="Time step in s, in [1e-6, 0.1].")] = 1e-3,
     ground: Annotated[
         bool, typer.Option("--ground", help="Files: add a floor that the lowest point just touches.")
     ] = False,
@@ -105,7 +106,7 @@ def run(
         Path | None, typer.Option(metavar="FOLDER", help="Keep the problems of the 10 hardest steps (FCLIB).")
     ] = None,
     picture: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw the last state.")] = None,
-    picture_time: Annotated[float | None, typer.Option(help="... or the one at this time [s].")] = None,
+    picture_time: Annotated[float | None, typer.Option(help="... or the one at this time in s.")] = None,
     video: Annotated[Path | None, typer.Option(metavar="FILE.mp4", help="Make a film.")] = None,
     size: Size = SIZE,
     json_file: Annotated[
@@ -304,7 +305,7 @@ def _terminated_as_interrupted() -> Iterator[None]:
 
 
 def print_result(result: dict[str, Any]) -> None:
-    table = Table(title=result["scene"], show_header=False)
+    table = Table(title=Text(result["scene"]), show_header=False)
     table.add_column()
     table.add_column(justify="right")
     times, solver, certificate, physics = (result[key] for key in ("step_time_us", "solver", "certificate", "physics"))
@@ -323,7 +324,7 @@ def print_result(result: dict[str, Any]) -> None:
         "state": result["state_hash"],
     }
     for key, value in rows.items():
-        table.add_row(key, value)
+        table.add_row(Text(key), value)  # as text: markup would swallow units
     Console().print(table)
 
 
@@ -366,7 +367,7 @@ def list_scenes() -> None:
 
     table = Table()
     for column in ("scene", "duration [s]", "what happens", "from"):
-        table.add_column(column)
+        table.add_column(Text(column))
     for scene in scenes.worlds().values():
         table.add_row(scene.name, f"{scene.duration:g}", scene.description, scene.source)
     Console().print(table)
