@@ -319,10 +319,13 @@ class Recording:
 
     @cached_property
     def looks(self) -> Looks | None:
-        """Meshes and joints, to draw it; None in files of version 1."""
+        """Meshes and joints, to draw it; None in files of version 1. Raises InvalidInputError when they are damaged."""
         from signorini.view.looks import Looks
 
-        return Looks.from_arrays(self.looks_arrays) if self.looks_arrays else None
+        try:
+            return Looks.from_arrays(self.looks_arrays) if self.looks_arrays else None
+        except (KeyError, IndexError, TypeError, ValueError) as error:
+            raise InvalidInputError(f"looks: are damaged ({error})") from None
 
 
 def read(path: str | PathLike[str]) -> Recording:
