@@ -319,10 +319,13 @@ class Recording:
 
     @cached_property
     def looks(self) -> Looks | None:
-        """Meshes and joints, to draw it; None in files of version 1."""
+        """Meshes and joints, to draw it; None in files of version 1. Raises InvalidInputError when they are damaged."""
         from signorini.view.looks import Looks
 
-        return Looks.from_arrays(self.looks_arrays) if self.looks_arrays else None
+        try:
+            return Looks.from_arrays(self.looks_arrays) if self.looks_arrays else None
+        except (KeyError, IndexError, TypeError, ValueError) as error:
+            raise InvalidInputError(f"looks: are damaged ({error})") from None
 
 
 def read(path: str | PathLike[str]) -> Recording:
@@ -332,7 +335,7 @@ def read(path: str | PathLike[str]) -> Recording:
     """
     path = Path(path)
     if not path.is_file():
-        raise InvalidInputError(f"{path}: there is no such file")
+        raise InvalidInputError(f"{path}: {'is no file' if path.exists() else 'there is no such file'}")
     try:
         with _open(path) as file:
             return _read(path, file)

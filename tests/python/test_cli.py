@@ -174,3 +174,21 @@ def test_numbers_that_are_not_finite_become_null(folder, monkeypatch):
     table = run("solve", folder)
     assert table.exit_code == 1
     assert "nan" in table.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["cube-stack", "--ground"], "--ground: is for files"),
+        (["cube-stack", "--floating"], "is for files"),
+        (["cube-stack", "--contacts-every", "5"], "--contacts-every: has no effect without --record"),
+        (["cube-stack", "--json", "nowhere/a.json"], "--json: nowhere: there is no such folder"),
+        (["cube-stack", "--record", "nowhere/a.h5"], "--record: nowhere: there is no such folder"),
+        (["."], "is no file"),
+    ],
+)
+def test_a_run_refuses_what_would_have_no_effect(arguments, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = run("run", *arguments)
+    assert result.exit_code == 2
+    assert message in " ".join(result.output.split())

@@ -176,6 +176,7 @@ def test_malformed_document(tmp_path, text, words):
 
 def test_missing_file_folder_and_device(tmp_path):
     assert "no such file" in refused(tmp_path / "nope.urdf")
+    assert "XML" not in refused(tmp_path / "nope.urdf")
     (tmp_path / "folder.urdf").mkdir()
     assert "no regular file" in refused(tmp_path / "folder.urdf")
     (tmp_path / "robot.step").write_text("")

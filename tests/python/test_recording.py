@@ -254,10 +254,13 @@ def test_a_run_that_is_stopped_closes_its_recording(tmp_path, number):
     command += ["--duration", "1000", "--record", str(path)]
     with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
         try:
-            while num_steps(path) == 0:
+            deadline = time.monotonic() + 60.0
+            while num_steps(path) == 0 and time.monotonic() < deadline:
                 time.sleep(0.05)
-        finally:
             process.send_signal(number)
+            process.wait(timeout=60.0)
+        finally:
+            process.kill()
     assert process.returncode not in (0, -number)  # it ended by itself
     held = recording.read(path)
     assert not held.complete
@@ -335,6 +338,16 @@ def test_damaged_and_newer_recordings_are_refused(recorded, tmp_path, damage, me
     assert invoke("replay", path).exit_code == 2
 
 
+def test_damaged_meshes_are_refused_when_they_are_to_be_drawn(recorded, tmp_path):
+    path = tmp_path / "bad.h5"
+    path.write_bytes(recorded.read_bytes())
+    edit(path, lambda f: f["looks/body"].__setitem__(0, 9999))
+    for arguments in (("view", path, "--html", tmp_path / "x.html"), ("picture", path, tmp_path / "x.png")):
+        result = invoke(*arguments)
+        assert result.exit_code == 2
+        assert "looks: are damaged" in result.stderr
+
+
 def edit(path, change):
     with h5py.File(path, "r+") as file:
         change(file)
@@ -363,6 +376,11 @@ def test_bad_input_exits_with_2(arguments):
 def test_an_unsolved_step_exits_with_1():
     result = invoke("run", "cube-stack", "--duration", 0.01, "--solver", "pgs", "--tolerance", 1e-14)
     assert result.exit_code == 1
+
+
+def test_units_are_printed():
+    assert "steps of [ms]" in invoke("run", "cube-stack", "--duration", "0.001").stdout
+    assert "[s]" in invoke("scenes").stdout
 
 
 def test_scenes_are_listed():

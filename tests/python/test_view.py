@@ -2,6 +2,7 @@
 
 import re
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -315,3 +316,10 @@ def test_nothing_finite_cannot_be_drawn(falling, tmp_path):
     held.q[:] = np.nan
     with pytest.raises(InvalidInputError, match="no finite row"):
         viewer.write_html(held, held.looks, tmp_path / "x.html")
+
+
+def test_a_taken_port_or_a_foreign_address_is_an_error():
+    with socket.create_server(("127.0.0.1", 0)) as taken, pytest.raises(OSError, match="cannot listen"):
+        stage.new_server("127.0.0.1", taken.getsockname()[1])
+    with pytest.raises(OSError, match="cannot listen"):
+        stage.new_server("192.0.2.1", 0)  # RFC 5737: nobody's

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import typer
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 import signorini
 from signorini.cli._output import finite, report, write_json
@@ -31,7 +32,10 @@ def check(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A robot file.")],
     ground: Annotated[bool, typer.Option("--ground", help="Add a floor that the lowest point just touches.")] = False,
     floating: Annotated[
-        bool | None, typer.Option("--floating/--fixed", help="URDF files: free or fixed base; default: fixed.")
+        bool | None,
+        typer.Option(
+            "--floating/--fixed", help="URDF, SDF files: free or fixed base; default: fixed (URDF), the file's (SDF)."
+        ),
     ] = None,
     package_dir: Annotated[
         list[Path] | None, typer.Option(metavar="FOLDER", help="Holds packages, or is one; again for more.")
@@ -220,7 +224,7 @@ def _print(result: dict[str, Any]) -> None:
         "first step: condition": _number(first["condition"]),
         "first step: certificate": f"{first['status']}, {_number(first['relative'])}",
     }
-    table = Table(title=Path(result["file"]).name, show_header=False)
+    table = Table(title=Text(Path(result["file"]).name), show_header=False)
     table.add_column()
     table.add_column(justify="right")
     for key, value in rows.items():
@@ -282,7 +286,7 @@ def _table(console: Console, columns: tuple[str, ...], rows: list[tuple[str, ...
     table = Table()
     for column in columns:
         words = column in ("body", "joint", "actuator", "type", "acts on", "mesh of", "becomes")
-        table.add_column(column, justify="left" if words else "right")
+        table.add_column(Text(column), justify="left" if words else "right")
     for row in rows:
         table.add_row(*(cell.replace("[", r"\[") for cell in row))
     console.print(table)

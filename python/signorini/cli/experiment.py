@@ -36,7 +36,11 @@ Family = Annotated[list[str] | None, typer.Option(help="Only this family; may be
 def _run(experiment: Callable[[Options], Report], options: Options) -> None:
     console = Console()
     errors = Console(stderr=True)
-    options.output.mkdir(parents=True, exist_ok=True)
+    try:
+        options.output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+        raise typer.Exit(2) from None
     with Progress(
         BarColumn(),
         MofNCompleteColumn(),

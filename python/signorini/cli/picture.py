@@ -38,7 +38,7 @@ def parse_size(text: str, even: bool = False) -> tuple[int, int]:
 def picture(
     file: File,
     output: Annotated[Path, typer.Argument(metavar="FILE.png")],
-    time: Annotated[float | None, typer.Option(help="Of the state [s]; default: the last.")] = None,
+    time: Annotated[float | None, typer.Option(help="Of the state, in s; default: the last.")] = None,
     size: Size = SIZE,
     collision: Collision = False,
     forces: ShowForces = True,
@@ -69,8 +69,8 @@ def video(
     fps: Annotated[float, typer.Option(help="Pictures a second, in [1, 240].")] = 30.0,
     size: Size = SIZE,
     speed: Annotated[float, typer.Option(help="Simulated seconds a second, in [0.001, 1000].")] = 1.0,
-    start: Annotated[float | None, typer.Option("--from", help="[s]; default: the start.")] = None,
-    end: Annotated[float | None, typer.Option("--to", help="[s]; default: the end.")] = None,
+    start: Annotated[float | None, typer.Option("--from", help="In s; default: the start.")] = None,
+    end: Annotated[float | None, typer.Option("--to", help="In s; default: the end.")] = None,
     collision: Collision = False,
     forces: ShowForces = True,
 ) -> None:

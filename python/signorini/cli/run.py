@@ -14,6 +14,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 import signorini
 from signorini._hardest import Hardest
@@ -57,11 +58,15 @@ def controller_of(source: Source, simulator: signorini.Simulator, start: Any) ->
 def _source(scene: str, ground: bool, floating: bool | None, options: list[str]) -> Source:
     if Path(scene).suffix or Path(scene).exists():
         if not Path(scene).is_file():
-            raise signorini.InvalidInputError(f"{scene}: there is no such file, nor a scene of that name")
+            what = "is no file" if Path(scene).exists() else "there is no such file, nor a scene of that name"
+            raise signorini.InvalidInputError(f"{scene}: {what}")
         if options:
             raise signorini.InvalidInputError("option: is for scenes, not for files")
         floor = "touching" if ground else False
         return {"file": str(Path(scene).resolve()), "ground": floor, "floating_base": floating}
+    if ground or floating is not None:
+        name = "ground" if ground else "floating/--fixed"
+        raise signorini.InvalidInputError(f"--{name}: is for files, not for scenes")
     values: dict[str, Any] = {}
     for option in options:
         key, equals, text = option.partition("=")
@@ -77,9 +82,9 @@ def _source(scene: str, ground: bool, floating: bool | None, options: list[str])
 def run(
     scene: Annotated[str, typer.Argument(metavar="SCENE|FILE", help="A scene of `signorini scenes`, or a robot file.")],
     duration: Annotated[
-        float | None, typer.Option(help="Simulated time [s]; default: the scene's own, files 2 s.")
+        float | None, typer.Option(help="Simulated time in s; default: the scene's own, files 2 s.")
     ] = None,
-    dt: Annotated[float, typer.Option(help="Time step [s], in [1e-6, 0.1].")] = 1e-3,
+    dt: Annotated[float, typer.Option(help="Time step in s, in [1e-6, 0.1].")] = 1e-3,
     ground: Annotated[
         bool, typer.Option("--ground", help="Files: add a floor that the lowest point just touches.")
     ] = False,
@@ -105,7 +110,7 @@ def run(
         Path | None, typer.Option(metavar="FOLDER", help="Keep the problems of the 10 hardest steps (FCLIB).")
     ] = None,
     picture: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw the last state.")] = None,
-    picture_time: Annotated[float | None, typer.Option(help="... or the one at this time [s].")] = None,
+    picture_time: Annotated[float | None, typer.Option(help="... or the one at this time in s.")] = None,
     video: Annotated[Path | None, typer.Option(metavar="FILE.mp4", help="Make a film.")] = None,
     size: Size = SIZE,
     json_file: Annotated[
@@ -119,6 +124,12 @@ def run(
     errors = Console(stderr=True)
     try:
         source = _source(scene, ground, floating, option or [])
+        if contacts_every is not None and record is None:
+            raise signorini.InvalidInputError("--contacts-every: has no effect without --record")
+        if json_file not in (None, "-") and not Path(str(json_file)).parent.is_dir():
+            raise signorini.InvalidInputError(f"--json: {Path(str(json_file)).parent}: there is no such folder")
+        if record is not None and not record.parent.is_dir():
+            raise signorini.InvalidInputError(f"--record: {record.parent}: there is no such folder")
         start = world, q, v = load_source(source)
         simulator = signorini.Simulator(world, time_step=dt, law=law.value, solver=solver.value, tolerance=tolerance)
         simulator.state.q, simulator.state.v = q, v
@@ -219,7 +230,7 @@ def simulate(
     done = 0
     try:
         with (
-            _terminated_as_interrupted(),
+            _stoppable() as check_stopped,
             Progress(
                 TextColumn("{task.description}", markup=False),
                 BarColumn(),
@@ -231,6 +242,7 @@ def simulate(
         ):
             task = progress.add_task(name, total=num_steps)
             while done < num_steps:
+                check_stopped()
                 most = min(BLOCK, num_steps - done)
                 if shots is not None:
                     most = min(most, shots.steps_to_next(done))
@@ -286,25 +298,35 @@ def simulate(
 
 
 @contextlib.contextmanager
-def _terminated_as_interrupted() -> Iterator[None]:
-    """SIGTERM ends a run as Ctrl-C does: files are closed."""
+def _stoppable() -> Iterator[Callable[[], None]]:
+    """SIGTERM ends a run as Ctrl-C does: files are closed. Yields a check that raises again what a library's callback
+    swallowed."""
+    asked = False
 
     def interrupt(number: int, frame: Any) -> None:
+        nonlocal asked
+        asked = True
         raise KeyboardInterrupt
 
+    def check() -> None:
+        if asked:
+            raise KeyboardInterrupt
+
+    signals = (signal.SIGINT, signal.SIGTERM)
     try:
-        before = signal.signal(signal.SIGTERM, interrupt)
+        before = [signal.signal(number, interrupt) for number in signals]
     except ValueError:  # not the main thread, where signals do not arrive
-        yield
+        yield check
         return
     try:
-        yield
+        yield check
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in zip(signals, before, strict=True):
+            signal.signal(number, handler)
 
 
 def print_result(result: dict[str, Any]) -> None:
-    table = Table(title=result["scene"], show_header=False)
+    table = Table(title=Text(result["scene"]), show_header=False)
     table.add_column()
     table.add_column(justify="right")
     times, solver, certificate, physics = (result[key] for key in ("step_time_us", "solver", "certificate", "physics"))
@@ -323,7 +345,7 @@ def print_result(result: dict[str, Any]) -> None:
         "state": result["state_hash"],
     }
     for key, value in rows.items():
-        table.add_row(key, value)
+        table.add_row(Text(key), value)  # as text: markup would swallow units
     Console().print(table)
 
 
@@ -366,7 +388,7 @@ def list_scenes() -> None:
 
     table = Table()
     for column in ("scene", "duration [s]", "what happens", "from"):
-        table.add_column(column)
+        table.add_column(Text(column))
     for scene in scenes.worlds().values():
         table.add_row(scene.name, f"{scene.duration:g}", scene.description, scene.source)
     Console().print(table)

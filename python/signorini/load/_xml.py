@@ -145,6 +145,8 @@ def root_tag(path: Path) -> str:
         parser.Parse(_data(path), True)
     except Found as found:
         return str(found)
+    except InvalidInputError:
+        raise  # there is no file, or not one that is read
     except (expat.ExpatError, LookupError, ValueError) as error:
         raise InvalidInputError(f"{path}: is no XML file: {error}") from None
     raise InvalidInputError(f"{path}: has no element")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import itertools
+import socket
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -28,7 +29,8 @@ _GRID, _WALL = (176, 182, 190), (150, 160, 172)
 
 
 def new_server(host: str, port: int) -> Any:
-    """A viser server without its greeting. Raises ImportError where viser is missing, OSError where the port is taken.
+    """A viser server without its greeting. Raises ImportError where viser is missing, OSError where the port is taken
+    or the host is no address of this machine.
 
     port: 0 takes a free one.
     """
@@ -36,6 +38,10 @@ def new_server(host: str, port: int) -> Any:
         import viser
     except ImportError as error:
         raise ImportError(f"the page needs viser: pip install signorini[view] ({error})") from None
+    try:  # viser takes the next port where this one is taken, and waits for ever where the address is none of ours
+        socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET).close()
+    except OSError as error:
+        raise OSError(f"port {port} of {host}: cannot listen there ({error.strerror or error})") from None
     with contextlib.redirect_stdout(io.StringIO()):
         server = viser.ViserServer(host=host, port=port, verbose=False)
     server.scene.world_axes.visible = False
