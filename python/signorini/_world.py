@@ -174,13 +174,18 @@ def _placement(position: ArrayLike, orientation: ArrayLike, field: str) -> Any:
 
 
 def _core_material(material: Material) -> Any:
+    if not isinstance(material, Material):
+        raise InvalidInputError(f"material: is a {type(material).__name__}, must be a signorini.Material")
     core = _simulator.Material()
     for key in ("friction", "restitution", "stiffness", "damping"):
         setattr(core, key, float(getattr(material, key)))
     if material.friction_mix not in ("geometric", "maximum"):
         raise InvalidInputError(f"friction_mix: is {material.friction_mix!r}, must be 'geometric' or 'maximum'")
     core.friction_mix = getattr(_simulator.FrictionMix, material.friction_mix)
-    core.frictionless, core.priority = bool(material.frictionless), int(material.priority)
+    core.frictionless = bool(material.frictionless)
+    if not -(2**31) <= material.priority < 2**31:
+        raise InvalidInputError(f"priority: is {material.priority}, must be within +-2^31")
+    core.priority = int(material.priority)
     return core
 
 

@@ -425,6 +425,8 @@ def test_a_soft_limit_gives_way_by_load_over_stiffness():
         (lambda b: b.add_body("c", gravity_compensation=math.inf), "gravity_compensation"),
         (lambda b: b.add_weld("b", "world", turn_stiffness=-1.0), "turn_stiffness"),
         (lambda b: b.add_geometry("b", signorini.Sphere(1.0), material=Material(friction_mix="min")), "friction_mix"),
+        (lambda b: b.add_geometry("b", signorini.Sphere(1.0), material=Material(priority=10**20)), "priority"),
+        (lambda b: b.set_pair_material(0, 1, None), "material: is a NoneType"),
     ],
 )
 def test_bad_values_are_refused_by_name(call, message):

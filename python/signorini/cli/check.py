@@ -151,7 +151,7 @@ def _actuator(world: signorini.World, actuator: Any) -> dict[str, Any]:
 
 def _drive_type(actuator: Any) -> str:
     (_, *gain), (offset, *bias) = actuator.gain, actuator.bias
-    if any(gain) or offset:
+    if any(gain) or offset or actuator.activation.name != "none":
         return "general"
     return "position" if bias[0] else "velocity" if bias[1] else "motor"
 
