@@ -32,6 +32,7 @@ content = {"experiment": name, "verdicts": verdicts, "notes": [f"note of {name}"
            "tables": {f"table of {name}": [["a|b", "c"], [["1", f"cell of {name}"]]]},
            "environment": {"peers": {"engine": "4.2"}}}
 (folder / f"{name}.json").write_text(json.dumps(content))
+sys.exit(3 if fail == "late" else 0)
 """
 
 
@@ -74,19 +75,25 @@ def test_one_that_fails_does_not_stop_the_others(tmp_path):
         "good": command(tmp_path, "good"),
         "crash": command(tmp_path, "crash", fail="crash"),
         "silent": command(tmp_path, "silent", fail="silent"),
+        "late": command(tmp_path, "late", fail="late"),
         "bad": command(tmp_path, "bad", "no"),
         "open": command(tmp_path, "open", "none"),
     }
     outcomes = {outcome.name: outcome for outcome in Runs(commands, tmp_path, {}).run()}
     assert calls(tmp_path) == list(commands)
     assert {name: outcome.met for name, outcome in outcomes.items()} == {
-        "good": True, "crash": False, "silent": False, "bad": False, "open": True,
+        "good": True, "crash": False, "silent": False, "late": False, "bad": False, "open": True,
     }  # fmt: skip
     assert outcomes["crash"].error.startswith("exit status 1")
     assert outcomes["crash"].error.endswith("RuntimeError: no such luck")
+    assert outcomes["late"].error.startswith("exit status 3")
     assert "silent.json" in outcomes["silent"].error
     Runs(commands, tmp_path, {}).run()
-    assert calls(tmp_path) == ["crash", "silent"]  # what failed is tried again, a verdict that is not met is a result
+    assert calls(tmp_path) == [
+        "crash",
+        "silent",
+        "late",
+    ]  # what failed is tried again, a verdict that is not met is a result
 
 
 def test_a_stale_result_is_not_taken_for_that_of_a_crash(tmp_path):
