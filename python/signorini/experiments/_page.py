@@ -58,13 +58,13 @@ class Page:
         out.table(["", ""], [[key, value] for key, value in self._machine()])
         out.heading(2, "Summary")
         out.table(
-            ["experiment", "verdicts met", "not met", "no claim", "time [s]", ""],
+            ["experiment", "verdicts met", "not met", "no claim", "time [s]", "measured"],
             [
                 [
                     outcome.name,
                     *(str(outcome.count(met)) for met in (True, False, None)),
                     f"{outcome.seconds:.0f}",
-                    "FAILED" if outcome.content is None else "by an earlier run" if outcome.earlier else "",
+                    _measured(outcome),
                 ]
                 for outcome in self.outcomes
             ],
@@ -102,8 +102,15 @@ class Page:
         for outcome in self.outcomes:
             if outcome.content is not None:
                 versions.update(outcome.content.get("environment", {}).get("peers", {}) or {})
-        rows = [(key, str(value)) for key, value in self.environment.items() if key != "peers"]
+        rows = [(key, str(value)) for key, value in self.environment.items() if key not in ("peers", "date")]
         return [*rows, *((name, str(version)) for name, version in sorted(versions.items()))]
+
+
+def _measured(outcome: Outcome) -> str:
+    if outcome.content is None:
+        return "FAILED"
+    when = str(outcome.content.get("environment", {}).get("date", ""))
+    return f"{when} (an earlier run)" if outcome.earlier else when
 
 
 class _Markdown:
