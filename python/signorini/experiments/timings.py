@@ -325,7 +325,7 @@ def _verdicts(scene: str, found: dict[str, dict[str, Any]]) -> list[Verdict]:
                 Verdict(
                     f"{scene}, {start}: {label} at or below the best of ADMM, PGS and SCS",
                     f"{ours:.3g} ms",
-                    f"{theirs:.3g} ms, {best}, which solves {100 * others[best]['share_solved']:.0f} %",
+                    f"{theirs:.3g} ms, {best}, which solves {100 * others[best]['share_solved']:.1f} %",
                     ours <= theirs,
                 )
             )
