@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
@@ -17,7 +19,17 @@ from rich.markup import escape  # noqa: E402
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: E402
 from rich.table import Table  # noqa: E402
 
-from signorini.experiments import DataMissingError, Options, Report, _plots  # noqa: E402
+from signorini.experiments import (  # noqa: E402
+    DataMissingError,
+    Options,
+    Report,
+    Verdict,
+    _all,
+    _page,
+    _plots,
+    data_directory,
+)
+from signorini.experiments._report import build_id, environment  # noqa: E402
 
 app = typer.Typer(help="Run an experiment: a JSON of its numbers, a plot, and a verdict a claim.", no_args_is_help=True)
 
@@ -41,14 +53,7 @@ def _run(experiment: Callable[[Options], Report], options: Options) -> None:
     except OSError as error:
         errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
         raise typer.Exit(2) from None
-    with Progress(
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}", markup=False),
-        console=errors,
-        transient=True,
-    ) as progress:
+    with _bar(errors) as progress:
         task = progress.add_task("", total=None)
         options.progress = lambda done, total, what: progress.update(
             task, completed=done, total=total, description=what
@@ -60,6 +65,17 @@ def _run(experiment: Callable[[Options], Report], options: Options) -> None:
             errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
             raise typer.Exit(2) from None
     _show(console, report)
+
+
+def _bar(errors: Console) -> Progress:
+    return Progress(
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}", markup=False),
+        console=errors,
+        transient=True,
+    )
 
 
 def _show(console: Console, report: Report) -> None:
@@ -194,6 +210,120 @@ def models(output: Output, quick: Quick = False) -> None:
     from signorini.experiments import models as experiment
 
     _run(experiment.run, _options(output, None, quick, None, False, None))
+
+
+@app.command()
+def timings(
+    output: Output,
+    quick: Quick = False,
+    with_peers: Peers = True,
+    every: Every = None,
+    write_problems: Annotated[
+        Path | None, typer.Option(help="Also write the problems as FCLIB files into this folder.", file_okay=False)
+    ] = None,
+) -> None:
+    """Fig. 5: time per step of four robot scenes, cold and warm: ours, ADMM, PGS, and SCS on the CCP, to 1e-4."""
+    from signorini.experiments import timings as experiment
+
+    options = _options(output, None, quick, every, False, None, with_peers)
+    _run(lambda given: experiment.run(given, write_problems), options)
+
+
+@app.command("all")
+def everything(
+    output: Output,
+    data: Data = None,
+    quick: Quick = False,
+    with_peers: Peers = True,
+    skip: Annotated[
+        list[str] | None, typer.Option(help="Leave this experiment out; may be given several times.")
+    ] = None,
+    fresh: Fresh = False,
+) -> None:
+    """All of them, each in its own process, and one report page (report.html, report.md).
+
+    Goes on where an interrupted run into DIR was. Exit status: 0 when all verdicts are met, 1 when one is not or an
+    experiment failed, 2 on bad input.
+    """
+    console, errors = Console(), Console(stderr=True)
+    known = _experiments()
+    unknown = sorted(set(skip or ()) - set(known))
+    wanted = {name: callback for name, callback in known.items() if name not in (skip or ())}
+    needs_data = [name for name, callback in wanted.items() if "data" in inspect.signature(callback).parameters]
+    try:
+        if unknown:
+            raise ValueError(f"--skip: is {unknown[0]!r}, must be one of {', '.join(known)}")
+        folder = data_directory(data).resolve() if needs_data else None
+        output.mkdir(parents=True, exist_ok=True)
+    except DataMissingError as error:
+        hint = " ".join(f"--skip {name}" for name in needs_data)
+        errors.print(f"error: {error}; or leave out what reads them: {hint}", style="red", markup=False, soft_wrap=True)
+        raise typer.Exit(2) from None
+    except (OSError, ValueError) as error:
+        errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+        raise typer.Exit(2) from None
+    given = {"--quick": quick, "--fresh": fresh, "--no-peers": not with_peers}
+    commands = {name: _command(name, callback, output, folder, given) for name, callback in wanted.items()}
+    surroundings = environment({})
+    setting = {
+        **{key: surroundings[key] for key in ("signorini", "processor")},
+        "build": build_id(),
+        "quick": quick,
+        "peers": with_peers,
+        "data": folder,
+    }
+    runs = _all.Runs(commands, output, setting, fresh)
+    with _bar(errors) as progress:
+        task = progress.add_task("", total=len(commands))
+        runs.progress = lambda done, total, what: progress.update(task, completed=done, total=total, description=what)
+        outcomes = runs.run()
+    about = {name: inspect.getdoc(callback) or "" for name, callback in wanted.items()}
+    said = "a sample (--quick)" if quick else "all"
+    files = _page.Page(outcomes, about, skip or (), said, surroundings, output).write()
+    for outcome in outcomes:
+        _tell(console, outcome)
+    for file in files:
+        console.print(f"wrote {file}", markup=False, highlight=False, soft_wrap=True)
+    if not all(outcome.met for outcome in outcomes):
+        raise typer.Exit(1)
+
+
+def _experiments() -> dict[str, Callable[..., None]]:
+    """Every command here but `all`: what is added joins by itself."""
+    found = {info.name or info.callback.__name__: info.callback for info in app.registered_commands if info.callback}
+    found.pop("all")
+    return found
+
+
+def _command(
+    name: str, callback: Callable[..., None], output: Path, data: Path | None, given: dict[str, bool]
+) -> list[str]:
+    """Its command line, with those options that it has."""
+    parameters = inspect.signature(callback).parameters
+    program = "from signorini.cli.main import main; main()"
+    line = [sys.executable, "-c", program, "experiment", name, "--output", str(output)]
+    if "data" in parameters and data is not None:
+        line += ["--data", str(data)]
+    owners = {"--quick": "quick", "--fresh": "fresh", "--no-peers": "with_peers"}
+    return line + [flag for flag, on in given.items() if on and owners[flag] in parameters]
+
+
+def _tell(console: Console, outcome: _all.Outcome) -> None:
+    """An experiment in a line, and its verdicts that are not met."""
+    bad = [verdict for verdict in outcome.verdicts if verdict["met"] is False]
+    what = f"{outcome.count(True)} met, {len(bad)} not, {outcome.count(None)} without a claim"
+    if outcome.content is None:
+        what = f"FAILED: {outcome.error}"
+    when = ", by an earlier run" if outcome.earlier else ""
+    console.print(
+        f"{outcome.name} ({outcome.seconds:.0f} s{when}): {what}",
+        style="green" if outcome.met else "red",
+        markup=False,
+        highlight=False,
+        soft_wrap=True,
+    )
+    for verdict in bad:
+        console.print(f"    {Verdict(**verdict)}", style="red", markup=False, highlight=False, soft_wrap=True)
 
 
 def _options(

@@ -61,7 +61,7 @@ class Verdict:
 
 @dataclass
 class Report:
-    """The whole of an experiment. tables: title -> (columns, rows), for the terminal."""
+    """The whole of an experiment. tables: title -> (columns, rows), for people."""
 
     name: str
     numbers: dict[str, Any]
@@ -80,6 +80,7 @@ class Report:
             "environment": environment(versions),
             "verdicts": [asdict(verdict) for verdict in self.verdicts],
             "notes": self.notes,
+            "tables": self.tables,
             **self.numbers,
         }
         path.write_text(json.dumps(_plain(content), indent=1, allow_nan=False) + "\n")
