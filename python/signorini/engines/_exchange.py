@@ -102,7 +102,7 @@ def plain(world: World, friction: float) -> dict[str, Any]:
         "friction": friction,
         "links": links,
         "geometries": geometries,
-        "excluded": _excluded(world, geometries, len(links)),
+        "excluded": _excluded(world, geometries),
         "loops": _loops(world),
     }
 
@@ -146,7 +146,7 @@ def _geometry(world: World, index: int, friction: float) -> dict[str, Any]:
     return {**out, "friction": friction, **_pose(rotation, position)}
 
 
-def _excluded(world: World, geometries: list[dict[str, Any]], num_links: int) -> list[list[int]]:
+def _excluded(world: World, geometries: list[dict[str, Any]]) -> list[list[int]]:
     """Pairs of links that never touch, -1 for the world; links without geometry are left out."""
     of: dict[int, list[int]] = {}
     for k, geometry in enumerate(geometries):
