@@ -23,7 +23,7 @@ def robot():
     builder.add_body("trunk", position=(0, 0, 1.0), joints=[joint("trunk", "free")], **some)
     hinges = [
         joint("first", axis=(1, 0, 0), anchor=(0.1, 0.2, 0.0), reference=0.4, damping=1.0, armature=0.1, lower=-1.0),
-        joint("second", axis=(0, 0.6, 0.8), anchor=(0.0, 0.1, -0.1)),
+        joint("second", axis=(0, 0.6, 0.8), anchor=(0.0, 0.1, -0.1), reference=-0.3),
     ]
     turned = (0.1, 0.2, 0.3, 0.9)
     builder.add_body("arm", parent="trunk", position=(0.3, 0.1, 0.0), orientation=turned, joints=hinges, **some)
