@@ -135,7 +135,8 @@ def test_the_judge_knows_a_fall():
     q[2] += 5.0
     model = _exchange.plain(start.world, 0.8)
     world = _exchange.build(model)
-    places, horizon = simulators.reference(world, q, 0.3, 10)
+    places, horizon, tolerance = simulators.reference(world, q, 0.3, 10)
+    assert tolerance == 1e-10
     assert horizon == pytest.approx(0.3)
     simulator = signorini.Simulator(world, time_step=1e-3)
     simulator.state.q = q

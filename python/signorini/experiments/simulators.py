@@ -23,6 +23,7 @@ TIME_STEP = 1e-3
 DURATION, QUICK_DURATION = 2.0, 0.5  # simulated [s]
 ROUNDS, QUICK_ROUNDS = 5, 1
 FINE, QUICK_FINE = 100, 20  # the reference's steps in one of ours
+TOLERANCES = (1e-10, 1e-8, 1e-6)  # of the reference, the first that will do
 LIMIT, QUICK_LIMIT = 60.0, 4.0  # [s] of stepping a run
 FRICTION = 0.8
 EARLY = 0.25  # [s]
@@ -82,22 +83,35 @@ def energy(world: signorini.World, states: list[tuple[Any, Any]]) -> Any:
     return np.array(out)
 
 
-def reference(world: signorini.World, q: Any, duration: float, fine: int) -> tuple[Any, float]:
-    """Positions of the links every BLOCK steps of TIME_STEP, with steps fine times smaller and a tolerance of 1e-10;
-    and the time until which a run with steps twice as large stays within a millimetre of it [s]."""
-    runs = []
-    for refinement in (fine // 2, fine):
-        simulator = signorini.Simulator(world, time_step=TIME_STEP / refinement, tolerance=1e-10)
-        simulator.state.q = q
-        at = [places(world, simulator.state.q)]
-        for _ in range(round(duration / TIME_STEP / BLOCK)):
-            simulator.run(BLOCK * refinement)
-            at.append(places(world, simulator.state.q))
-        runs.append(np.array(at))
-    apart = np.linalg.norm(runs[0] - runs[1], axis=2).max(axis=1)
-    lost = np.flatnonzero(apart > 1e-3)
-    last = int(lost[0]) - 1 if lost.size else len(apart) - 1
-    return runs[1], last * BLOCK * TIME_STEP
+def reference(world: signorini.World, q: Any, duration: float, fine: int) -> tuple[Any, float, float]:
+    """Positions of the links every BLOCK steps of TIME_STEP, with steps fine times smaller; the time until which a run
+    with steps twice as large stays within a millimetre of it [s]; the tolerance of both.
+
+    The tolerance is the first of TOLERANCES with which that time is not short, else that of the longest: loops that
+    are all but redundant (Cassie's) are moved by the rounding in their gaps when steps and tolerance are both tiny.
+    """
+    best: tuple[Any, float, float] | None = None
+    for tolerance in TOLERANCES:
+        runs = [_fine(world, q, duration, refinement, tolerance) for refinement in (fine // 2, fine)]
+        apart = np.linalg.norm(runs[0] - runs[1], axis=2).max(axis=1)
+        lost = np.flatnonzero(apart > 1e-3)
+        horizon = (int(lost[0]) - 1 if lost.size else len(apart) - 1) * BLOCK * TIME_STEP
+        if best is None or horizon > best[1]:
+            best = runs[1], horizon, tolerance
+        if horizon >= min(EARLY, duration) - 1e-9:
+            break
+    assert best is not None
+    return best
+
+
+def _fine(world: signorini.World, q: Any, duration: float, refinement: int, tolerance: float) -> Any:
+    simulator = signorini.Simulator(world, time_step=TIME_STEP / refinement, tolerance=tolerance)
+    simulator.state.q = q
+    at = [places(world, simulator.state.q)]
+    for _ in range(round(duration / TIME_STEP / BLOCK)):
+        simulator.run(BLOCK * refinement)
+        at.append(places(world, simulator.state.q))
+    return np.array(at)
 
 
 def mass_error(world: signorini.World, q: Any, answer: dict[str, Any]) -> float:
@@ -137,7 +151,7 @@ def run(options: Options, install: bool = False, only: tuple[str, ...] = ()) -> 
         "time_step": TIME_STEP,
         "duration": steps * TIME_STEP,
         "rounds": rounds,
-        "reference": {"time_step": TIME_STEP / fine, "tolerance": 1e-10},
+        "reference": {"time_step": TIME_STEP / fine},
         "friction": FRICTION,
         "scenes": {},
     }
@@ -157,7 +171,8 @@ def run(options: Options, install: bool = False, only: tuple[str, ...] = ()) -> 
             raise signorini.InvalidInputError(f"scene {name!r}: moves at the start, must be at rest")
         model = _exchange.plain(start.world, FRICTION)
         world = _exchange.build(model)
-        judge = Judge(world, *reference(world, start.q, steps * TIME_STEP, fine))
+        known_places, horizon, tolerance = reference(world, start.q, steps * TIME_STEP, fine)
+        judge = Judge(world, known_places, horizon)
         answers: dict[str, list[dict[str, Any]]] = {_label(*runner): [] for runner in runners}
         done += 1
         with tempfile.TemporaryDirectory(prefix="signorini-model-") as folder:
@@ -185,7 +200,11 @@ def run(options: Options, install: bool = False, only: tuple[str, ...] = ()) -> 
             why = result.get("error") or result.get("stopped")
             if why and why != "not installed":
                 notes.append(f"{name}, {label}: {why}")
-        numbers["scenes"][name] = {"horizon": judge.horizon, "engines": results}
+        numbers["scenes"][name] = {
+            "horizon": judge.horizon,
+            "reference_tolerance": tolerance,
+            "engines": results,
+        }
         tables[f"{name}; mm off: against the reference, end: at {judge.horizon:.2f} s"] = _table(results)
         verdicts += _verdicts(name, results, steps)
     options.progress(work, work, "")
