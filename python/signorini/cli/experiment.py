@@ -189,6 +189,24 @@ def stepping(output: Output, quick: Quick = False) -> None:
 
 
 @app.command()
+def simulators(
+    output: Output,
+    quick: Quick = False,
+    install: Annotated[
+        bool, typer.Option("--install", help="Get engines that are missing from PyPI, each into its own environment.")
+    ] = False,
+    engine: Annotated[
+        list[str] | None, typer.Option(help="Only ours and this engine; may be given several times.")
+    ] = None,
+) -> None:
+    """Fig. 6: MuJoCo, Drake, Bullet and DART beside ours, steps a second and what they are worth."""
+    from signorini.experiments import simulators as experiment
+
+    options = _options(output, None, quick, None, False, None)
+    _run(lambda given: experiment.run(given, install, tuple(engine or ())), options)
+
+
+@app.command()
 def inverse(output: Output, quick: Quick = False) -> None:
     """Fig. 8: UR5 slides along a wall, Talos pushes one; round trips, MuJoCo's inverse, times beside Pinocchio's."""
     from signorini.experiments import inverse as experiment
