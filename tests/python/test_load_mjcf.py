@@ -324,7 +324,7 @@ def test_keyframes(tmp_path):
         ),
     )
     world = load_world(path)
-    q, v = mjcf.keyframe(path, world, "up")
+    q, v, *_ = mjcf.keyframe(path, world, "up")
     np.testing.assert_allclose(q, [1, 2, 3, 1, 0, 0, 0])
     np.testing.assert_allclose(v, [0, -1, 0, 0, 0, 2], atol=1e-15)  # half a turn about x
     with pytest.raises(InvalidInputError, match="up"):

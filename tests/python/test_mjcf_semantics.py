@@ -449,14 +449,25 @@ def test_names_of_tendons_are_unique_and_their_limits_show_in_errors():
     assert "tendon 't'" in str(result.worst)
 
 
-def test_keyframes_of_models_with_activation(tmp_path):
-    more = """<actuator><intvelocity joint="l1" kp="2"/></actuator>
-      <keyframe><key name="k" qpos=".1 .2 .3 .4 .5" qvel="5 4 3 2 1" act=".7"/></keyframe>"""
+def test_keyframes_hold_controls_and_activations(tmp_path):
+    more = """<actuator><muscle joint="r2" lengthrange="0 1"/><motor name="m" joint="l2"/>
+        <intvelocity name="i" joint="l1" kp="2"/></actuator>
+      <keyframe><key name="k" time="3" qpos=".1 .2 .3 .4 .5" qvel="5 4 3 2 1" act=".2 .7" ctrl="3 .4 .6"/></keyframe>"""
     path = _write(tmp_path, "k.xml", ARMS.format(more))
-    world = signorini.load(path)
-    q, v = mjcf.keyframe(path, world, "k")
-    assert q == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
-    assert v == pytest.approx([5, 4, 3, 2, 1])
+    builder = WorldBuilder()
+    builder.add_file(path, prefix="a/")
+    builder.add_file(path, prefix="b/", position=(0, 5, 0))
+    world = builder.build()
+    simulator = Simulator(world)
+    key = mjcf.keyframe(path, world, "k", prefix="b/")
+    key.apply(simulator)
+    assert simulator.state.q[:5] == pytest.approx(np.zeros(5))
+    assert simulator.state.q[5:] == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
+    assert simulator.state.v[5:] == pytest.approx([5, 4, 3, 2, 1])
+    assert world.actuator_names == ("a/m", "a/i", "b/m", "b/i")  # without the muscle
+    assert simulator.control == pytest.approx([0, 0, 0.4, 0.6])
+    assert simulator.state.activation == pytest.approx([0, 0, 0, 0.7])
+    assert simulator.state.time == 3.0
 
 
 def test_a_weld_of_bodies_that_are_fixed_to_each_other_does_nothing():

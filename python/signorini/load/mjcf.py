@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,7 @@ from signorini.load._options import Added, Options, Warnings
 from signorini.load._placement import Placement, from_quaternion
 
 if TYPE_CHECKING:
+    from signorini._simulation import Simulator
     from signorini._world import HeightField, Joint, Material, Shape, World, WorldBuilder
 
 Array = npt.NDArray[np.float64]
@@ -455,8 +456,23 @@ def _unlike(model: Any, array: str, default: float) -> list[int]:
     return [int(i) for i in np.flatnonzero((rows != default).any(axis=1))]
 
 
-def keyframe(path: Path | str, world: World, number: int | str = 0, prefix: str = "") -> tuple[Array, Array]:
-    """Configuration (nq,) and velocity (nv,) of a world loaded from this file at a keyframe, by number or name.
+class Keyframe(NamedTuple):
+    """A state that a file keeps: q (nq,), v (nv,), control and activation (num_controls,), time [s]."""
+
+    q: Array
+    v: Array
+    control: Array
+    activation: Array
+    time: float
+
+    def apply(self, simulator: Simulator) -> None:
+        """Puts a simulator of the world there."""
+        simulator.state.q, simulator.state.v, simulator.state.time = self.q, self.v, self.time
+        simulator.control, simulator.state.activation = self.control, self.activation
+
+
+def keyframe(path: Path | str, world: World, number: int | str = 0, prefix: str = "") -> Keyframe:
+    """A keyframe, by number or name, for a world loaded from this file.
 
     Raises InvalidInputError when there is no such keyframe. Velocities of free joints turn from the world's axes, which
     MuJoCo has, to the body's.
@@ -467,7 +483,16 @@ def keyframe(path: Path | str, world: World, number: int | str = 0, prefix: str 
     index = names.index(number) if number in names else number
     if not isinstance(index, int) or not 0 <= index < model.nkey:
         raise InvalidInputError(f"{path}: has no keyframe {number!r}; there are {', '.join(names) or 'none'}")
-    return state(source, world, model.key_qpos[index], model.key_qvel[index], prefix)
+    q, v = state(source, world, model.key_qpos[index], model.key_qvel[index], prefix)
+    control, activation = np.zeros(world.num_controls), np.zeros(world.num_controls)
+    for actuator, name in enumerate(source.names("actuator")):
+        if prefix + name not in world.actuator_names:
+            continue  # not carried over
+        at = world.actuator_index(prefix + name)
+        control[at] = model.key_ctrl[index, model.actuator_ctrladr[actuator]]
+        if model.actuator_actnum[actuator]:
+            activation[at] = model.key_act[index, model.actuator_actadr[actuator]]
+    return Keyframe(q, v, control, activation, float(model.key_time[index]))
 
 
 def state(
