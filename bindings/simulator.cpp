@@ -295,6 +295,7 @@ void bind_model(nb::module_& m) {
       .def_prop_ro("gravity", &World::gravity)
       .def_prop_ro("initial_q", [](const World& self) { return Vector(self.initial_q()); })
       .def("may_touch", &World::may_touch)
+      .def("material", &World::material)
       .def("frame_placements",
            [](const std::shared_ptr<const World>& self, const Vector& q) {
              if (q.size() != self->num_q())

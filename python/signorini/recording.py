@@ -21,7 +21,6 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from signorini import _simulator
 from signorini._core import InvalidInputError
 from signorini._simulation import Simulator, SimulatorSettings, Trace
 from signorini._world import Array
@@ -82,8 +81,7 @@ class ContactReader:
 
     def _friction_of(self, pair: tuple[int, int]) -> float:
         if pair not in self._friction:
-            a, b = (self._simulator.world.geometries[i].material for i in pair)
-            self._friction[pair] = float(_simulator.mix(a, b).friction)
+            self._friction[pair] = float(self._simulator.world._core.material(*pair).friction)
         return self._friction[pair]
 
 

@@ -202,6 +202,35 @@ def test_joints_of_every_type_move_the_drawing(tmp_path):
         assert np.array_equal(ours, theirs)
 
 
+def test_a_free_body_with_armature_or_friction_is_drawn_where_it_is():
+    """It has another place in q than plain free bodies."""
+    from signorini import Joint, WorldBuilder
+
+    for losses in ({"armature": 0.1}, {"friction": 0.2}):
+        builder = WorldBuilder()
+        for k, more in enumerate(({}, losses, {})):
+            joint = Joint(f"j{k}", "free", **more)
+            builder.add_body(f"b{k}", joints=[joint], position=(k, 0, 1), mass=1.0, inertia=np.eye(3))
+        world = builder.build()
+        looks = Looks.from_arrays(Looks.of(world).arrays())
+        assert np.array_equal(looks.placements(world.initial_q)[0], [[0, 0, 0], [0, 0, 1], [1, 0, 1], [2, 0, 1]])
+
+
+def test_recorded_friction_is_that_of_the_contact():
+    """Also where a pair of geometries has a material of its own."""
+    from signorini import Box, Joint, Material, WorldBuilder
+
+    builder = WorldBuilder()
+    ground = builder.add_ground(Material(friction=0.9))
+    builder.add_body("b", joints=[Joint("b", "free")], mass=1.0, inertia=np.eye(3), position=(0, 0, 0.1))
+    box = builder.add_geometry("b", Box((0.1, 0.1, 0.1)), material=Material(friction=0.4))
+    for expected in (0.6, 0.25):
+        simulator = Simulator(builder.build())
+        simulator.step()
+        assert recording.ContactReader(simulator)().friction == pytest.approx([expected] * 4)
+        builder.set_pair_material(ground, box, Material(friction=0.25))
+
+
 WRITER = """
 import sys
 from signorini import Simulator, recording, scenes
@@ -220,6 +249,7 @@ def test_a_killed_run_leaves_a_readable_recording(tmp_path):
         try:
             assert writer.stdout.readline() == "started\n"
             while (growing := recording.read(path)).num_steps < 1000:  # read while it is written
+                assert writer.poll() is None
                 time.sleep(0.05)
         finally:
             writer.kill()

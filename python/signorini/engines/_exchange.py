@@ -79,6 +79,8 @@ def plain(world: World, friction: float) -> dict[str, Any]:
             turn = parent.in_frame.rotation @ body.placement.rotation
             at = parent.in_frame.rotation @ body.placement.translation + parent.in_frame.translation
         kind, anchor = joint.type.name, np.array(joint.anchor)
+        if kind == "free" and (joint.armature > 0.0 or joint.friction > 0.0):
+            raise InvalidInputError(f"joint {joint.name!r}: is free with armature or friction, has another place in q")
         axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
         if kind in ("free", "prismatic"):
             anchor = np.zeros(3)

@@ -126,6 +126,7 @@ class Looks:
                 joint.name, joint.reference = given["name"], given["reference"]
                 joint.type = getattr(_simulator.JointType, given["type"])
                 joint.axis, joint.anchor = np.array(given["axis"]), np.array(given["anchor"])
+                joint.armature, joint.friction = given.get("armature", 0.0), given.get("friction", 0.0)
                 joints.append(joint)
             body.joints = joints
             builder.add_body(body)
@@ -217,6 +218,9 @@ def _described(body: Any) -> dict[str, Any]:
                 "axis": joint.axis.tolist(),
                 "anchor": joint.anchor.tolist(),
                 "reference": float(joint.reference),
+                # A free body with one of these has another place in q.
+                "armature": float(joint.armature),
+                "friction": float(joint.friction),
             }
             for joint in body.joints
         ],
