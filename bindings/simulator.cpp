@@ -94,7 +94,9 @@ void bind_model(nb::module_& m) {
       .def_rw("stiffness", &Material::stiffness)
       .def_rw("damping", &Material::damping)
       .def_rw("friction_mix", &Material::friction_mix)
-      .def_rw("frictionless", &Material::frictionless)
+      .def_rw("torsion", &Material::torsion)
+      .def_rw("rolling", &Material::rolling)
+      .def_rw("condim", &Material::condim)
       .def_rw("priority", &Material::priority)
       .def("validate", [](const Material& self, const std::string& field) { self.validate(field.c_str()); });
   m.def("mix", &mix);
@@ -377,6 +379,7 @@ void bind_simulation(nb::module_& m) {
       .def_ro("distance", &Contact::distance)
       .def_ro("force", &Contact::force)
       .def_ro("velocity", &Contact::velocity)
+      .def_ro("moment", &Contact::moment)
       .def_ro("mode", &Contact::mode)
       .def_ro("id", &Contact::id);
   nb::class_<Simulator>(m, "Simulator")

@@ -98,6 +98,7 @@ class Contact:
     distance: signed gap at the start of the step [m].
     mode: "open" (no force), "stick" or "slide".
     force: on body b, world axes [N], mean over the step; force_local: the same in the contact frame (t1, t2, n).
+    moment_local: on body b of torsion and rolling, in the contact frame, mean over the step [N m].
     velocity: of b relative to a at the end of the step, in the contact frame [m/s].
     id: the same from step to step while the point persists.
     """
@@ -113,6 +114,7 @@ class Contact:
     mode: ContactModeName
     force: Array
     force_local: Array
+    moment_local: Array
     velocity: Array
     id: int
 
@@ -134,6 +136,7 @@ def contacts_from_core(world: World, listed: list[Any]) -> list[Contact]:
                 mode=c.mode.name,
                 force=c.frame @ c.force,
                 force_local=c.force,
+                moment_local=c.moment,
                 velocity=c.velocity,
                 id=c.id,
             )

@@ -27,9 +27,12 @@ class Material:
 
     friction: Coulomb's coefficient, >= 0. restitution: share of the approach speed that comes back, in [0, 1].
     stiffness: of a contact patch [N/m], shared by its points; infinite: rigid. damping: of the same patch [N s/m].
+    torsion, rolling: the largest moment of a contact point about its normal, and about its tangents, over its normal
+    force [m] (docs/simulation.md, S16); for a ball that rolls or spins. condim: what friction there is, as in MuJoCo: 1
+    none, 3 sliding, 4 torsion too, 6 rolling too; None: what the coefficients ask for, 3 at least.
     Two materials mix to: friction sqrt(mu_a mu_b), or the larger where both have friction_mix "maximum"; the larger
-    restitution, springs in series. frictionless: no friction with what is frictionless too. priority: of two, the
-    material with the higher one counts alone.
+    torsion, rolling, condim and restitution; springs in series. priority: of two, the material with the higher one
+    counts alone.
     """
 
     friction: float = 0.8
@@ -37,8 +40,10 @@ class Material:
     stiffness: float = math.inf
     damping: float = 0.0
     friction_mix: Literal["geometric", "maximum"] = "geometric"
-    frictionless: bool = False
     priority: int = 0
+    torsion: float = 0.0
+    rolling: float = 0.0
+    condim: Literal[1, 3, 4, 6] | None = None
 
 
 @dataclass(frozen=True)
@@ -177,12 +182,14 @@ def _core_material(material: Material) -> Any:
     if not isinstance(material, Material):
         raise InvalidInputError(f"material: is a {type(material).__name__}, must be a signorini.Material")
     core = _simulator.Material()
-    for key in ("friction", "restitution", "stiffness", "damping"):
+    for key in ("friction", "restitution", "stiffness", "damping", "torsion", "rolling"):
         setattr(core, key, float(getattr(material, key)))
     if material.friction_mix not in ("geometric", "maximum"):
         raise InvalidInputError(f"friction_mix: is {material.friction_mix!r}, must be 'geometric' or 'maximum'")
     core.friction_mix = getattr(_simulator.FrictionMix, material.friction_mix)
-    core.frictionless = bool(material.frictionless)
+    if material.condim not in (None, 1, 3, 4, 6):
+        raise InvalidInputError(f"condim: is {material.condim!r}, must be 1, 3, 4, 6 or None")
+    core.condim = int(material.condim or 0)
     if not -(2**31) <= material.priority < 2**31:
         raise InvalidInputError(f"priority: is {material.priority}, must be within +-2^31")
     core.priority = int(material.priority)

@@ -22,7 +22,23 @@ Vector3 rotation_vector(const Matrix3& rotation) {
   return turn.angle() * turn.axis();
 }
 
+bool is_moment(const Assembler::Set& set) {
+  return set.source == SetSource::Torsion || set.source == SetSource::Rolling;
+}
+
 }  // namespace
+
+Vector3 moment_of(const Assembler::Set& set, const double* impulse) {
+  if (set.source == SetSource::Torsion) return *impulse * set.frame.col(2);
+  return impulse[0] * set.frame.col(0) + impulse[1] * set.frame.col(1);
+}
+
+void set_moment(const Assembler::Set& set, const Vector3& moment, double* rows) {
+  const bool rolling = set.source == SetSource::Rolling;
+  rows[0] = set.frame.col(rolling ? 0 : 2).dot(moment);
+  rows[1] = rolling ? set.frame.col(1).dot(moment) : 0.0;
+  rows[2] = 0.0;
+}
 
 Matrix3 contact_frame(const Vector3& n) {
   int least = 0;
@@ -113,16 +129,21 @@ void Assembler::add_point(const Dynamics& dynamics, Set& set, int frame, const V
   }
 }
 
-/// J += sign (angular velocity of `frame` along the set's axis), a set of one row.
+/// J += sign (angular velocity of `frame` along the set's axis; of moments: along theirs, and rows of zeros).
 void Assembler::add_rotation(const Dynamics& dynamics, Set& set, int frame, double sign) {
   if (frame == 0) return;
-  const Vector3 axis = sign * set.frame.col(set.row % 3);
+  Matrix3 axes = sign * set.frame;
+  if (set.source != SetSource::Rolling)
+    axes.col(0) = Vector3(axes.col(set.source == SetSource::Torsion ? 2 : set.row % 3));
+  if (set.source == SetSource::Torsion) axes.col(1).setZero();
+  if (set.rows == 3) axes.col(2).setZero();
   const int free = dynamics.free_body(frame);
   if (free >= 0) {
     double* y = set.y[set.num_free];
     set.free[set.num_free++] = free;
-    const Vector3 angular = dynamics.frames()[static_cast<std::size_t>(frame)].rotation.transpose() * axis;
-    for (int k = 0; k < 3; ++k) y[k] = 0.0, y[3 + k] = angular[k];
+    const Matrix3 angular = dynamics.frames()[static_cast<std::size_t>(frame)].rotation.transpose() * axes;
+    for (int r = 0; r < set.rows; ++r)
+      for (int k = 0; k < 3; ++k) y[k * set.rows + r] = 0.0, y[(3 + k) * set.rows + r] = angular(k, r);
     return;
   }
   double* y = articulated_columns(set);
@@ -130,7 +151,7 @@ void Assembler::add_rotation(const Dynamics& dynamics, Set& set, int frame, doub
   for (int w = 0; w < words_; ++w) mask[w] |= support_masks_[static_cast<std::size_t>(frame * words_ + w)];
   for (const int k : dynamics.support(frame)) {
     const double* m = dynamics.motion(k);
-    y[k] += axis[0] * m[3] + axis[1] * m[4] + axis[2] * m[5];
+    for (int r = 0; r < set.rows; ++r) y[k * set.rows + r] += axes(0, r) * m[3] + axes(1, r) * m[4] + axes(2, r) * m[5];
   }
 }
 
@@ -196,6 +217,22 @@ void Assembler::build_rows(Set& set) {
     add_rotation(*dynamics_, set, set.frame_b, 1.0);
   }
   whiten(set);
+  if (is_moment(set)) {  // one scale for the set (T12)
+    const double trace = squares(set);
+    if (trace > 0.0) set.load_weight = set.source == SetSource::Rolling ? 0.5 * trace : trace;
+  }
+}
+
+/// Trace of the set's block of G.
+double Assembler::squares(const Set& set) const {
+  double sum = 0.0;
+  if (set.articulated >= 0) {
+    const double* y = columns_.data() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_;
+    for (Index k = 0; k < set.rows * nv_articulated_; ++k) sum += y[k] * y[k];
+  }
+  for (int side = 0; side < set.num_free; ++side)
+    for (int k = 0; k < 6 * set.rows; ++k) sum += set.y[side][k] * set.y[side][k];
+  return sum;
 }
 
 double Assembler::rigid_correction(double gap) const {
@@ -230,6 +267,56 @@ void Assembler::add_contacts(const std::vector<ContactPoint>& contacts) {
     set_spring(set, contact.distance, set.material.stiffness / contact.patch_size,
                set.material.damping / contact.patch_size, true);
   }
+}
+
+/// Torsion and rolling are cones too, of friction 1, whose normal row is the load (S16).
+void Assembler::add_moments() {
+  has_moments_ = false;
+  const std::size_t num_contacts = sets_.size();
+  for (std::size_t i = 0; i < num_contacts; ++i) {
+    for (const SetSource source : {SetSource::Rolling, SetSource::Torsion}) {
+      const Material& material = sets_[i].material;
+      const double factor = source == SetSource::Rolling ? material.rolling : material.torsion;
+      if (factor == 0.0) continue;
+      Set& set = new_set(source, static_cast<int>(i), 3, 3);
+      Set& contact = sets_[i];  // new_set() may have moved it
+      if (contact.num_moments++ == 0) contact.first_moment = static_cast<int>(sets_.size()) - 1;
+      set.frame = contact.frame;
+      set.frame_a = contact.frame_a, set.frame_b = contact.frame_b;
+      set.load_factor = factor;
+      all_sets_.add_friction_cone(1.0);
+      has_moments_ = true;
+    }
+  }
+}
+
+void Assembler::set_loads(VectorRef impulse) const {
+  if (!has_moments_) return;
+  for (const Set& set : sets_)
+    if (is_moment(set))
+      impulse[set.start + 2] = set.load_factor * impulse[sets_[static_cast<std::size_t>(set.index)].start + 2];
+}
+
+bool Assembler::shift_loads(const ConstVectorRef& sigma, double step, const ConstVectorRef& impulse, double tolerance) {
+  if (!has_moments_) return false;
+  const auto change = [&](const Set& set) {
+    return std::hypot(sigma[set.start], sigma[set.start + 1]) - set.correction;
+  };
+  double largest = 0.0, load = 0.0;
+  for (const Set& set : sets_) {
+    if (!is_moment(set)) continue;
+    largest = std::max(largest, std::abs(change(set)) / set.load_weight);
+    if (impulse.size() > 0) load = std::max(load, impulse[set.start + 2]);
+  }
+  if (!(largest > tolerance * load)) return false;
+  for (Set& set : sets_) {
+    if (!is_moment(set)) continue;
+    const double more = std::max(step * change(set), -set.correction);
+    set.correction += more;
+    g_[set.start + 2] += more;
+    if (set.offset >= 0) problem_.set_free_velocity(set.offset + 2, g_[set.start + 2]);
+  }
+  return true;
 }
 
 /// A limit within reach; its terms are the caller's.
@@ -365,7 +452,9 @@ void Assembler::set_velocity(const Set& set, const ConstVectorRef& u, const std:
     return;
   }
   const Twist &a = twists[static_cast<std::size_t>(set.frame_a)], &b = twists[static_cast<std::size_t>(set.frame_b)];
-  if (set.rows == 3)
+  if (is_moment(set))
+    set_moment(set, b.angular - a.angular, velocity);
+  else if (set.rows == 3)
     Eigen::Map<Vector3>{velocity} = set.frame.transpose() * (b.at(set.point_b) - a.at(set.point_a));
   else if (set.row < 3)
     *velocity = set.frame.col(set.row).dot(b.at(set.point_b) - a.at(set.point_a));
@@ -382,6 +471,7 @@ bool Assembler::copy_impulses(const std::vector<Set>& sets, const ConstVectorRef
   if (!sets.empty() && impulse.size() != sets.back().start + sets.back().rows) return false;
   std::vector<std::uint8_t> used(sets.size(), 0);
   for (const Set& set : sets_) {
+    if (is_moment(set)) continue;  // with its contact
     std::size_t found = sets.size();
     double nearest = kSamePoint;  // detectors list the points of a pair in any order
     for (std::size_t k = 0; k < sets.size(); ++k) {
@@ -404,7 +494,18 @@ bool Assembler::copy_impulses(const std::vector<Set>& sets, const ConstVectorRef
       own.segment<3>(set.start) = set.frame.transpose() * (sets[found].frame * Vector3(theirs));
     else
       own.segment(set.start, set.rows) = theirs;
+    if (set.num_moments == 0) continue;
+    Vector3 moment = Vector3::Zero();
+    for (int k = 0; k < sets[found].num_moments; ++k) {
+      const Set& from = sets[static_cast<std::size_t>(sets[found].first_moment + k)];
+      moment += moment_of(from, impulse.data() + from.start);
+    }
+    for (int k = 0; k < set.num_moments; ++k) {
+      const Set& to = sets_[static_cast<std::size_t>(set.first_moment + k)];
+      set_moment(to, moment, own.data() + to.start);
+    }
   }
+  set_loads(own);
   for (std::size_t k = 0; k < sets.size(); ++k)
     if (!used[k] && sets[k].source == SetSource::Contact && !impulse.segment<3>(sets[k].start).isZero(0.0))
       return false;
@@ -421,6 +522,12 @@ void Assembler::add_forces(const ConstVectorRef& impulse, double factor, std::ve
     }
     if (set.num_terms > 0) continue;
     Wrench &a = wrenches[static_cast<std::size_t>(set.frame_a)], &b = wrenches[static_cast<std::size_t>(set.frame_b)];
+    if (is_moment(set)) {
+      const Vector3 moment = factor * moment_of(set, x);
+      b.moment += moment;
+      a.moment -= moment;
+      continue;
+    }
     const Vector3 f = set.rows == 3 ? Vector3(factor * (set.frame * Eigen::Map<const Vector3>(x)))
                                     : Vector3(factor * *x * set.frame.col(set.row % 3));
     if (set.row < 3) {
@@ -538,7 +645,38 @@ void Assembler::multiply_blocks(const std::vector<int>& selection, const Constra
               for (int r = 0; r < a.rows; ++r) block[c * a.rows + r] += ya[k * a.rows + r] * yb[k * b.rows + c];
         }
       }
+    if (has_moments_) add_loads(a, b, block);
   });
+}
+
+/// Ties loads to normal impulses (S16): block of G of sets a and b += theirs of w (load - factor normal)^2 / 2.
+void Assembler::add_loads(const Set& a, const Set& b, double* block) const {
+  double* corner = block + 2 * a.rows + 2;  // last row of a, last of b, where both have three
+  if (&a == &b && is_moment(a)) {
+    *corner += a.load_weight;
+    if (a.source == SetSource::Torsion) block[a.rows + 1] += a.load_weight;  // the row of nothing
+  } else if (&a == &b && a.source == SetSource::Contact) {
+    for (int k = 0; k < a.num_moments; ++k) {
+      const Set& moment = sets_[static_cast<std::size_t>(a.first_moment + k)];
+      *corner += moment.load_weight * moment.load_factor * moment.load_factor;
+    }
+  } else if (is_moment(a) && b.source == SetSource::Contact && &b == &sets_[static_cast<std::size_t>(a.index)]) {
+    *corner -= a.load_weight * a.load_factor;
+  }
+}
+
+void Assembler::add_loads(double* matrix, int rows) const {
+  for (const int i : selection_) {
+    const Set& set = sets_[static_cast<std::size_t>(i)];
+    if (!is_moment(set)) continue;
+    const int load = set.offset + 2, normal = sets_[static_cast<std::size_t>(set.index)].offset + 2;
+    const double coupling = set.load_weight * set.load_factor;
+    matrix[load * rows + load] += set.load_weight;
+    if (set.source == SetSource::Torsion) matrix[(load - 1) * rows + load - 1] += set.load_weight;
+    matrix[normal * rows + normal] += coupling * set.load_factor;
+    matrix[load * rows + normal] -= coupling;
+    matrix[normal * rows + load] -= coupling;
+  }
 }
 
 /// products_ = -Y Y^T of the articulated rows, lower triangles, group by group: sets that share no velocity, directly
@@ -642,6 +780,7 @@ void Assembler::assemble(const Dynamics& dynamics, const ConstVectorRef& q, cons
   dynamics_ = &dynamics;
   free_v_ = free_v;
   add_contacts(contacts);
+  add_moments();
   add_limits(q, v, free_v, reach ? ConstVectorRef(*reach) : free_v);
   add_joint_friction();
   add_equalities(dynamics, q, v);
@@ -650,6 +789,7 @@ void Assembler::assemble(const Dynamics& dynamics, const ConstVectorRef& q, cons
 
 /// An impulse of zero does not do for this set at the velocity sigma, of which sigma points at its rows.
 bool Assembler::violated(const Set& set, const double* sigma, Law law) const {
+  if (is_moment(set)) return false;  // comes with its contact
   if (set.source != SetSource::Contact) return sigma[0] < 0.0;
   const double sliding = law == Law::Ccp ? set.material.friction * std::hypot(sigma[0], sigma[1]) : 0.0;
   return sigma[2] < sliding;
@@ -675,6 +815,7 @@ void Assembler::write_problem() {
     for (int c = 0; c < rows; ++c)
       for (int r = c; r < rows; ++r)
         to[c * rows + r] = to[r * rows + c] = -products_[static_cast<std::size_t>(c * rows + r)];
+    if (has_moments_) add_loads(to, rows);
   } else {
     multiply_blocks(selection_, constraint_sets_, *delassus_);
   }
@@ -695,29 +836,27 @@ double Assembler::largest_left_out() {
   Set* farthest = nullptr;
   double square = 0.0;
   for (Set& set : sets_) {
-    if (set.offset >= 0) continue;
+    if (set.offset >= 0 || is_moment(set)) continue;
     double own = 0.0;
     for (int r = 0; r < set.rows; ++r) own += g_[set.start + r] * g_[set.start + r];
     if (own > square) square = own, farthest = &set;
   }
   if (!farthest) return 0.0;
   build_rows(*farthest);
-  double trace = farthest->compliance;
-  if (farthest->articulated >= 0) {
-    const double* y = columns_.data() + static_cast<std::ptrdiff_t>(farthest->articulated) * 3 * nv_articulated_;
-    for (Index k = 0; k < farthest->rows * nv_articulated_; ++k) trace += y[k] * y[k];
-  }
-  for (int side = 0; side < farthest->num_free; ++side)
-    for (int k = 0; k < 6 * farthest->rows; ++k) trace += farthest->y[side][k] * farthest->y[side][k];
+  const double trace = farthest->compliance + squares(*farthest);
   return trace > 0.0 ? std::sqrt(square * farthest->rows / trace) : 0.0;
 }
 
 void Assembler::select(const ConstVectorRef& guess, Law law) {
+  if (law == Law::Ccp) shift_loads(g_);
   selection_.clear();
   for (std::size_t i = 0; i < sets_.size(); ++i) {
     const Set& set = sets_[i];
     bool acts = set.source == SetSource::JointFriction || set.source == SetSource::Equality;
-    for (int r = 0; r < set.rows; ++r) acts = acts || guess[set.start + r] != 0.0;
+    if (is_moment(set))
+      acts = std::binary_search(selection_.begin(), selection_.end(), set.index);
+    else
+      for (int r = 0; r < set.rows; ++r) acts = acts || guess[set.start + r] != 0.0;
     if (acts || violated(set, g_.data() + set.start, law)) selection_.push_back(static_cast<int>(i));
   }
   write_problem();
@@ -737,7 +876,10 @@ bool Assembler::select_violated(const ConstVectorRef& impulse, Law law, VectorRe
     double* own = sigma.data() + set.start;
     set_velocity(set, velocity_, twists_, own);
     own[set.rows - 1] += set.correction;
-    if (violated(set, own, law)) selection_.push_back(static_cast<int>(i));
+    const bool joins = is_moment(set) ? std::binary_search(selection_.begin() + static_cast<std::ptrdiff_t>(before),
+                                                           selection_.end(), set.index)
+                                      : violated(set, own, law);
+    if (joins) selection_.push_back(static_cast<int>(i));
   }
   if (selection_.size() == before) return false;
   std::sort(selection_.begin(), selection_.end());

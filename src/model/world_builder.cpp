@@ -336,7 +336,7 @@ void WorldBuilder::add_contact_pair(ContactPair pair) {
   const std::string field =
       "contact pair (" + geometries_[pair.geometry_a].name + ", " + geometries_[pair.geometry_b].name + ")";
   pair.material.validate(field.c_str());
-  if (pair.material.frictionless) pair.material.friction = 0.0;
+  pair.material = as_in_contact(pair.material);
   remove_if(contact_pairs_, [&](const ContactPair& other) {
     return other.geometry_a == pair.geometry_a && other.geometry_b == pair.geometry_b;
   });

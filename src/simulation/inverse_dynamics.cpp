@@ -49,6 +49,7 @@ struct InverseDynamics::Impl {
   void set_guess(const Input& input);
   void set_speed();
   void find_impulses();
+  void find_with_these_bounds();
   void add_up(bool with_impulses);
   void find_bounces();
   void find_impulses_and_bounces(const Input& input);
@@ -202,7 +203,18 @@ void InverseDynamics::Impl::set_speed() {
   }
 }
 
+/// Contacts by themselves, then what their normal impulses allow of torsion and rolling (S16).
 void InverseDynamics::Impl::find_impulses() {
+  find_with_these_bounds();
+  if (!assembler.has_moments()) return;
+  if (inverse.law == Law::Ccp) assembler.shift_loads(assembler.free_velocity());
+  for (const Assembler::Set& set : assembler.sets())
+    if (set.source == SetSource::Contact) guess.segment<3>(set.start) = solution.impulse.segment<3>(set.start);
+  assembler.set_loads(guess);
+  find_with_these_bounds();
+}
+
+void InverseDynamics::Impl::find_with_these_bounds() {
   const ConstraintSets& sets = assembler.constraint_sets();
   const GrowVector& c = assembler.free_velocity();
   if (settled.empty()) {
@@ -436,7 +448,8 @@ Status InverseDynamics::Impl::move_to_closest(const Input& input) {
   p.guess = guess;
   p.sets = assembler.constraint_sets();
   for (const Assembler::Set& set : assembler.sets())
-    p.kinematic.push_back(set.compliance == 0.0 && set.source != SetSource::JointFriction);
+    p.kinematic.push_back(set.compliance == 0.0 && set.source < SetSource::Torsion &&
+                          set.source != SetSource::JointFriction);
   acceleration = (u - input.v) / settings.time_step;
   add_up(false);
   p.missing = settings.time_step * result.force(p.unactuated);
@@ -484,10 +497,13 @@ std::string InverseDynamics::worst() const {
     return j;
   };
   switch (set.source) {
-    case SetSource::Contact: {
+    case SetSource::Contact:
+    case SetSource::Torsion:
+    case SetSource::Rolling: {
       const ContactPoint& point = s.points[static_cast<std::size_t>(set.index)];
       const auto geometry = [&](int g) { return "'" + s.world->geometries()[static_cast<std::size_t>(g)].name + "'"; };
-      return "contact of " + geometry(point.geometry_a) + " and " + geometry(point.geometry_b);
+      return (set.source == SetSource::Contact ? "contact of " : "torsion or rolling of ") +
+             geometry(point.geometry_a) + " and " + geometry(point.geometry_b);
     }
     case SetSource::LowerLimit:
       return "lower limit of " + coordinate(index);

@@ -243,8 +243,6 @@ def test_what_is_not_carried_over_is_listed(tmp_path):
         "height fields that move do not collide: hill",
         "mocap bodies do not move: m",
         "springs of free and ball joints: j",
-        "torsional and rolling friction (condim 4, 6) of geoms: g",
-        "torsional and rolling friction (condim 4, 6) of contact pairs: floor with g",
         "one friction here, their first: floor with g",
         "margin of contact pairs: floor with g",
         "margin of geoms: g",

@@ -29,7 +29,9 @@ enum class SetSource : std::uint8_t {
   LowerLimit,     ///< index: of the joint; of tendon k: number of joints + k
   UpperLimit,     ///< likewise
   JointFriction,  ///< index: of the velocity; of tendon k: number of velocities + k
-  Equality        ///< index: of the constraint; row: of it
+  Equality,       ///< index: of the constraint; row: of it
+  Torsion,        ///< index: of the contact, set and point; rows: about n, nothing, the load (S16)
+  Rolling         ///< likewise; rows: about t1, about t2, the load
 };
 
 /// Writes the contact problem of one step: rows of J in whitened form Y, G = Y Y^T, g = J u + corrections. Most points
@@ -49,12 +51,15 @@ class Assembler {
     int group = -1, group_row = 0;  ///< of articulated sets that share velocities; first row in its product
     int num_free = 0;               ///< free bodies it acts on
     int free[2] = {0, 0};
-    double y[2][18];                         ///< rows x 6 each, column-major, whitened
-    Matrix3 frame;                           ///< Contact, Equality of bodies: columns t1, t2, n, or the world's axes
-    Vector3 point_a, point_b;                ///< likewise: that are held together, in the world
-    int frame_a = 0, frame_b = 0;            ///< likewise: what they move with
-    int first_term = 0, num_terms = 0;       ///< others: the velocity is a sum over terms_, factor u[v] each
-    Material material;                       ///< Contact: mixed
+    double y[2][18];                        ///< rows x 6 each, column-major, whitened
+    Matrix3 frame;                          ///< Contact, Equality of bodies: columns t1, t2, n, or the world's axes
+    Vector3 point_a, point_b;               ///< likewise: that are held together, in the world
+    int frame_a = 0, frame_b = 0;           ///< likewise: what they move with
+    int first_term = 0, num_terms = 0;      ///< others: the velocity is a sum over terms_, factor u[v] each
+    Material material;                      ///< Contact: mixed
+    int first_moment = 0, num_moments = 0;  ///< Contact: its sets of torsion and rolling
+    double load_factor = 0.0,
+           load_weight = 1.0;  ///< Torsion, Rolling: over the normal impulse [m]; what ties them [1/kg m^2]
     double gap = 0.0, gap_correction = 0.0;  ///< Contact [m], and its correction without bounce [m/s]
     double bounce = 0.0;  ///< Contact: e v_N [m/s] where the approach is fast enough to bounce (S8), else 0
     bool bounces = false;
@@ -78,6 +83,15 @@ class Assembler {
   void set_free_velocity(const ConstVectorRef& free_v);
   /// Takes the bounce of a set with one into g, or out of it.
   void set_bounce(std::size_t set, bool bounces);
+  bool has_moments() const { return has_moments_; }
+  /// impulse <- the loads of torsion and rolling that belong to its normal impulses (S16).
+  void set_loads(VectorRef impulse) const;
+  /// For the CCP, which relaxes the law of contacts but not that of moments: g of loads goes `step` of the way to the
+  /// speeds of their rows in sigma (S17). False, and nothing changed, where loads are right to `tolerance` times the
+  /// largest in `impulse`.
+  bool shift_loads(const ConstVectorRef& sigma, double step = 1.0, const ConstVectorRef& impulse = Vector(),
+                   double tolerance = 0.0);
+
   /// Velocities J u of all sets, num_rows() values; without a Jacobian, from the twists of the bodies.
   void velocities(const ConstVectorRef& u, VectorRef out);
   /// own (num_rows() values) <- the impulses that another assembler of this world found at this configuration: of the
@@ -116,6 +130,7 @@ class Assembler {
   void add_limits(const ConstVectorRef& q, const ConstVectorRef& v, const ConstVectorRef& free_v,
                   const ConstVectorRef& reach);
   void add_limit(SetSource source, int index, double gap, double stiffness, double damping);
+  void add_moments();
   void add_joint_friction();
   void add_equalities(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v);
   void correct(const ConstVectorRef& v);
@@ -124,6 +139,9 @@ class Assembler {
   void multiply_articulated(const std::vector<int>& selection);
   void write_problem();
   double largest_left_out();
+  void add_loads(const Set& a, const Set& b, double* block) const;
+  void add_loads(double* matrix, int rows) const;
+  double squares(const Set& set) const;
   bool violated(const Set& set, const double* sigma, Law law) const;
   double rigid_correction(double gap) const;
   /// The spring with damper as correction and compliance of a row (S7); rigid where stiffness is infinite.
@@ -144,6 +162,7 @@ class Assembler {
 
   std::vector<Set> sets_;
   int rows_ = 0;
+  bool has_moments_ = false;
   Index nv_articulated_ = 0;
   int words_ = 0;  // of a mask of articulated velocities
   int num_slots_ = 0;
@@ -173,5 +192,9 @@ class Assembler {
   std::vector<Twist> twists_, twists_now_;
   GrowVector g_, problem_g_, problem_compliance_;
 };
+
+/// The moment of a set of torsion or rolling, in the world, and its rows of a moment or an angular velocity.
+Vector3 moment_of(const Assembler::Set& set, const double* impulse);
+void set_moment(const Assembler::Set& set, const Vector3& moment, double* rows);
 
 }  // namespace signorini

@@ -32,6 +32,9 @@ class ContactProblem {
   void assign(std::shared_ptr<const DelassusOperator> delassus, const ConstVectorRef& free_velocity,
               const ConstraintSets& sets, const ConstVectorRef& compliance = Vector(), double reference = 0.0);
 
+  /// Finite; the caller's business.
+  void set_free_velocity(Index row, double value) { free_velocity_[row] = value; }
+
   Index size() const { return free_velocity_.size(); }
   Index num_sets() const { return sets_.num_sets(); }
   Index num_contacts() const { return sets_.num_contacts(); }

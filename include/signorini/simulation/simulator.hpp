@@ -32,6 +32,7 @@ struct Contact {
   Matrix3 frame = Matrix3::Identity();  ///< columns t1, t2, n in the world; n from a to b
   double distance = 0.0;                ///< at the start of the step [m]
   Vector3 force = Vector3::Zero();      ///< on b, (t1, t2, n) [N], mean over the step
+  Vector3 moment = Vector3::Zero();     ///< on b about the contact's position, of torsion and rolling, likewise [N m]
   Vector3 velocity = Vector3::Zero();   ///< of b relative to a at the end of the step, (t1, t2, n) [m/s]
   ContactMode mode = ContactMode::Open;
   std::uint64_t id = 0;

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -401,10 +401,8 @@ class _Drives:
             self._warnings.add("contact pairs of geoms that do not collide", name)
             return
         dimensions, friction = int(model.pair_dim[pair]), model.pair_friction[pair]
-        if dimensions >= 3 and friction[0] != friction[1]:
+        if (dimensions >= 3 and friction[0] != friction[1]) or (dimensions == 6 and friction[3] != friction[4]):
             self._warnings.add("contact pairs have one friction here, their first", name)
-        if dimensions > 3:
-            self._warnings.add("torsional and rolling friction (condim 4, 6) of contact pairs", name)
         for array, label in (("pair_margin", "margin"), ("pair_gap", "gap")):
             if getattr(model, array)[pair] != 0.0:
                 self._warnings.add(f"not carried over: {label} of contact pairs", name)
@@ -412,12 +410,22 @@ class _Drives:
         held = self._spring("pair", pair, float(model.body_invweight0[bodies, 0].sum()))
         asked = self._source.options.material
         material = Material(
-            friction=0.0 if dimensions == 1 else float(friction[0]), stiffness=held.stiffness, damping=held.damping
+            friction=float(friction[0]),
+            stiffness=held.stiffness,
+            damping=held.damping,
+            torsion=float(friction[2]),
+            rolling=float(friction[3]),
+            condim=condim(dimensions),
         )
         if isinstance(asked, Material):
             material = asked
         for a, b in product(*(self._source.geometries_of[geom] for geom in geoms)):
             self._builder.set_pair_material(a, b, material)
+
+
+def condim(value: int) -> Literal[1, 3, 4, 6]:
+    """MuJoCo's compiler allows no other."""
+    return cast("Literal[1, 3, 4, 6]", int(value))
 
 
 def _pair(values: Any) -> Range:

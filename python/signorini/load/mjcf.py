@@ -368,8 +368,10 @@ class _Adder:
             stiffness=held.stiffness,
             damping=held.damping,
             friction_mix="maximum",
-            frictionless=int(model.geom_condim[geom]) == 1,
             priority=int(model.geom_priority[geom]),
+            torsion=float(model.geom_friction[geom, 1]),
+            rolling=float(model.geom_friction[geom, 2]),
+            condim=_mjcf_drives.condim(model.geom_condim[geom]),
         )
 
     def _shape(self, geom: int) -> Shape | None:
@@ -419,9 +421,6 @@ class _Adder:
             for index in _unlike(model, array, default):
                 if index in colliding:
                     warnings.add(f"not carried over: {label}", self._geoms[index])
-        for geom in colliding:
-            if model.geom_condim[geom] > 3:
-                warnings.add("torsional and rolling friction (condim 4, 6) of geoms", self._geoms[geom])
         for count, label in (("nflex", "flexes"), ("nplugin", "plugins")):
             if getattr(model, count, 0):
                 warnings.add(f"not carried over: {getattr(model, count)} {label}")
