@@ -79,17 +79,17 @@ def load(
     line and element, and what is allowed.
     """
     options = _options(
-        prefix,
-        position,
-        orientation,
-        floating_base,
-        package_dirs,
-        material,
-        motors,
-        hull_vertices,
-        repair_inertia,
-        compliance,
-        decompose,
+        prefix=prefix,
+        position=position,
+        orientation=orientation,
+        floating_base=floating_base,
+        package_dirs=package_dirs,
+        material=material,
+        motors=motors,
+        hull_vertices=hull_vertices,
+        repair_inertia=repair_inertia,
+        compliance=compliance,
+        decompose=decompose,
     )
     loaded = assemble(
         Path(path),
@@ -196,17 +196,17 @@ def add_file(
     """
     path = Path(path)
     options = _options(
-        prefix,
-        position,
-        orientation,
-        floating_base,
-        package_dirs,
-        material,
-        motors,
-        hull_vertices,
-        repair_inertia,
-        compliance,
-        decompose,
+        prefix=prefix,
+        position=position,
+        orientation=orientation,
+        floating_base=floating_base,
+        package_dirs=package_dirs,
+        material=material,
+        motors=motors,
+        hull_vertices=hull_vertices,
+        repair_inertia=repair_inertia,
+        compliance=compliance,
+        decompose=decompose,
     )
     return _add(builder, _read(path, format, options), options, self_collision, srdf)
 
@@ -259,6 +259,7 @@ def exclude_overlapping_pairs(
 
 
 def _options(
+    *,
     prefix: str,
     position: Sequence[float],
     orientation: npt.ArrayLike,
