@@ -198,12 +198,16 @@ def simulators(
     engine: Annotated[
         list[str] | None, typer.Option(help="Only ours and this engine; may be given several times.")
     ] = None,
+    scene: Annotated[
+        list[str] | None,
+        typer.Option(help="Only this scene, or trials, the small ones; may be given several times."),
+    ] = None,
 ) -> None:
-    """Fig. 6: MuJoCo, Drake, Bullet and DART beside ours, steps a second and what they are worth."""
+    """Fig. 6: MuJoCo, Drake, Bullet and DART beside ours: steps a second, and what they are worth."""
     from signorini.experiments import simulators as experiment
 
     options = _options(output, None, quick, None, False, None)
-    _run(lambda given: experiment.run(given, install, tuple(engine or ())), options)
+    _run(lambda given: experiment.run(given, install, tuple(engine or ()), tuple(scene or ())), options)
 
 
 @app.command()

@@ -42,7 +42,9 @@ class Engine:
 ENGINES = (
     Engine("signorini", "ours", "signorini", (), "Apache-2.0", ("default",)),
     Engine("mujoco", "MuJoCo", "mujoco", ("mujoco-core>=4.0.1",), "Apache-2.0", ("pyramidal", "elliptic", "accurate")),
-    Engine("drake", "Drake", "pydrake", ("drake", "pyyaml", "pydot"), "BSD-3", ("default", "near rigid")),
+    Engine(
+        "drake", "Drake", "pydrake", ("drake", "pyyaml", "pydot"), "BSD-3", ("default", "near rigid", "hydroelastic")
+    ),
     Engine("bullet", "Bullet", "pybullet", ("pybullet",), "zlib", ("default", "1000 iterations")),
     Engine("dart", "DART", "dartpy", ("dartpy",), "BSD-2", ("default", "exact friction")),
 )
