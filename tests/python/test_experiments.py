@@ -11,6 +11,7 @@ from signorini.experiments import (
     DataMissingError,
     Options,
     _plots,
+    convergence,
     data_directory,
     inverse,
     inverse_checks,
@@ -89,6 +90,22 @@ def test_convergence(tmp_path):
             assert len(curve["dual"]) == len(curve["complementarity"]) == len(curve["iteration"])
             if curve["iterations_to_target"] is not None and curve["dual"]:
                 assert max(curve["dual"][-1], curve["complementarity"][-1]) <= content["target"]
+
+
+def test_talos_lies_there():
+    """Its contacts carry its weight."""
+    try:
+        scenes.robots_folder()
+    except FileNotFoundError as error:
+        pytest.skip(str(error))
+    problem = convergence.talos()
+    assert problem.num_contacts > 20
+    start = scenes.worlds()["talos-fall"]()
+    weight = 9.81 * sum(body.mass for body in start.world.bodies)
+    solution = signorini.solve(problem, tolerance=1e-9)
+    normal = solution.impulse[: 3 * problem.num_contacts].reshape(-1, 3)[:, 2]
+    assert solution.solved
+    assert normal.sum() > 0.8 * weight * 1e-3  # links that press on each other add to it
 
 
 def test_scaling(tmp_path, monkeypatch):

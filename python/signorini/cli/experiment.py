@@ -131,7 +131,7 @@ def updates(
 
 @app.command()
 def convergence(output: Output, quick: Quick = False) -> None:
-    """Fig. 4, the cubes' half: residuals by iteration, down to 1e-9."""
+    """Fig. 4: residuals by iteration on cubes and Talos, down to 1e-9."""
     from signorini.experiments import convergence as experiment
 
     _run(experiment.run, _options(output, None, quick, None, False, None))
