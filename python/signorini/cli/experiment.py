@@ -79,7 +79,7 @@ def _bar(errors: Console) -> Progress:
 
 
 def _show(console: Console, report: Report) -> None:
-    wide = console if console.is_terminal else Console(width=200)
+    wide = console if console.is_terminal else Console(width=240)
     for title, (columns, rows) in report.tables.items():
         table = Table(title=escape(title), title_justify="left")
         for k, column in enumerate(columns):
