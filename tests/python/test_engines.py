@@ -335,6 +335,15 @@ def test_every_engine_that_is_here_has_our_model(tmp_path):
     assert asked >= 1
 
 
+def test_an_old_version_is_old():
+    mujoco = BY_NAME["mujoco"]
+    assert mujoco.is_old("3.2.7")
+    assert mujoco.is_old("4.0.0")
+    assert not mujoco.is_old("4.0.1")
+    assert not mujoco.is_old("4.1.0")
+    assert not BY_NAME["dart"].is_old("6.1")
+
+
 def test_mujocos_settings_are_named_as_they_are():
     pytest.importorskip("mujoco")
     from signorini.engines import _mujoco_settings

@@ -270,6 +270,11 @@ def run(
         _try(options, trials, runners, pythons, limit, versions, (done, work), numbers, notes)
         tables = {_trials_title(numbers): _trials_table(numbers), **tables}
         verdicts = [*_trials_verdicts(numbers), *verdicts]
+    for engine in chosen:
+        version = versions.get(engine.title)
+        if version is not None and engine.is_old(version):
+            least = ".".join(map(str, engine.least))
+            notes.append(f"{engine.title} is {version}, older than {least}, which is the one to measure")
     options.progress(work, work, "")
     report = Report("simulators", numbers, verdicts, tables, notes)
     if _plots.available() and numbers["scenes"]:
