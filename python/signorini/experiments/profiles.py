@@ -30,7 +30,7 @@ def run(options: Options) -> Report:
     """
     data = data_directory(options.data)
     wanted = options.families or tuple(_paper.FAMILIES)
-    files = problem_files(data, wanted, options.step(25))
+    files = problem_files(data, wanted, options.step(40))
     entries, versions = taking_part(options)
     limits = {"max_iterations": MAX_ITERATIONS}
     runners = [

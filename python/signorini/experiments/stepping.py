@@ -52,7 +52,7 @@ def run(options: Options) -> Report:
 
         from signorini.engines import _mujoco_settings
 
-        versions["mujoco"] = mujoco.__version__
+        versions["MuJoCo"] = mujoco.__version__
         settings = _mujoco_settings.SETTINGS
     except ImportError:
         notes.append("MuJoCo is missing (pip install signorini[mjcf]): ours alone")
