@@ -42,6 +42,9 @@ Quick = Annotated[bool, typer.Option("--quick", help="A sample, to see that all 
 Peers = Annotated[bool, typer.Option("--peers/--no-peers", help="Run other people's solvers where installed.")]
 Every = Annotated[int | None, typer.Option(min=1, help="Take every so many problems of a family.")]
 Fresh = Annotated[bool, typer.Option("--fresh", help="Measure again what an earlier run into DIR has measured.")]
+Install = Annotated[
+    bool, typer.Option("--install", help="Get engines that are missing from PyPI, each into its own environment.")
+]
 Family = Annotated[list[str] | None, typer.Option(help="Only this family; may be given several times.")]
 
 
@@ -192,9 +195,7 @@ def stepping(output: Output, quick: Quick = False) -> None:
 def simulators(
     output: Output,
     quick: Quick = False,
-    install: Annotated[
-        bool, typer.Option("--install", help="Get engines that are missing from PyPI, each into its own environment.")
-    ] = False,
+    install: Install = False,
     engine: Annotated[
         list[str] | None, typer.Option(help="Only ours and this engine; may be given several times.")
     ] = None,
@@ -261,6 +262,7 @@ def everything(
         list[str] | None, typer.Option(help="Leave this experiment out; may be given several times.")
     ] = None,
     fresh: Fresh = False,
+    install: Install = False,
 ) -> None:
     """All of them, each in its own process, and one report page (report.html, report.md).
 
@@ -284,7 +286,7 @@ def everything(
     except (OSError, ValueError) as error:
         errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
         raise typer.Exit(2) from None
-    given = {"--quick": quick, "--fresh": fresh, "--no-peers": not with_peers}
+    given = {"--quick": quick, "--fresh": fresh, "--no-peers": not with_peers, "--install": install}
     commands = {name: _command(name, callback, output, folder, given) for name, callback in wanted.items()}
     surroundings = environment({})
     setting = {
@@ -292,6 +294,7 @@ def everything(
         "build": build_id(),
         "quick": quick,
         "peers": with_peers,
+        "install": install,
         "data": folder,
     }
     runs = _all.Runs(commands, output, setting, fresh)
@@ -326,7 +329,7 @@ def _command(
     line = [sys.executable, "-c", program, "experiment", name, "--output", str(output)]
     if "data" in parameters and data is not None:
         line += ["--data", str(data)]
-    owners = {"--quick": "quick", "--fresh": "fresh", "--no-peers": "with_peers"}
+    owners = {"--quick": "quick", "--fresh": "fresh", "--no-peers": "with_peers", "--install": "install"}
     return line + [flag for flag, on in given.items() if on and owners[flag] in parameters]
 
 
