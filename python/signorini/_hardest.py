@@ -66,10 +66,11 @@ class Hardest:
         return files, left_out
 
 
-def as_contacts(problem: ContactProblem) -> ContactProblem | None:
+def as_contacts(problem: ContactProblem, *, drop_intervals: bool = False) -> ContactProblem | None:
     """The same problem with friction cones and then equalities only, as FCLIB has it; None if it has intervals.
 
-    A half line becomes the normal of a contact without friction, whose tangents nothing moves.
+    A half line becomes the normal of a contact without friction, whose tangents nothing moves. drop_intervals: leave
+    intervals out instead: joints without friction and drives without limits.
     """
     import scipy.sparse as sp
 
@@ -85,7 +86,7 @@ def as_contacts(problem: ContactProblem) -> ContactProblem | None:
             cones.append((row, 0.0, False))
         elif isinstance(constraint, Equality):
             equalities.append(row)
-        else:
+        elif not drop_intervals:
             return None
         row += 1
     place = np.full(3 * len(cones) + len(equalities), -1)  # row of the given problem, for each new one

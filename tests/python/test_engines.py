@@ -8,7 +8,7 @@ import signorini
 from signorini import engines, scenes
 from signorini.cli.main import app
 from signorini.engines import _exchange
-from signorini.experiments import Options, simulators
+from signorini.experiments import Options, _plots, _trials, simulators
 
 BY_NAME = {engine.name: engine for engine in engines.ENGINES}
 
@@ -107,6 +107,7 @@ def test_an_engine_that_is_not_there_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(engines, "ENGINES", (BY_NAME["signorini"], missing))
     monkeypatch.setattr(simulators, "SCENES", {"cube-stack": {"mass_ratio": 1.0, "num_cubes": 2}})
     monkeypatch.setattr(simulators, "QUICK_DURATION", 0.05)
+    monkeypatch.setattr(_trials, "STACK", 4)
     result = CliRunner().invoke(app, ["experiment", "simulators", "--output", str(tmp_path), "--quick"])
     assert result.exit_code == 0, result.output
     assert "not installed" in result.output
@@ -116,6 +117,16 @@ def test_an_engine_that_is_not_there_is_named(tmp_path, monkeypatch):
     assert found["ours"]["unsolved"] == 0
     assert found["ours"]["overlap"] < 1e-9  # at rest: nothing moves
     assert found["ours"]["error_horizon"] < 1e-9
+    assert found["ours"]["creep"] < 1e-9
+    assert found["ours"]["differs"] == []
+    assert set(content["passes"]["Nowhere"].values()) == {None}
+    assert set(content["passes"]["ours"].values()) == {True}  # on every trial at once
+    for name, trial in content["trials"].items():
+        assert trial["ours"]["differs"] == [], name
+        assert trial["ours"]["unsolved"] == 0, name
+    claims = {verdict["claim"]: verdict for verdict in content["verdicts"]}
+    assert claims["trials: who passes every column in one setting"]["measured"] == "ours"
+    assert (tmp_path / "simulators-trials.png").exists() == _plots.available()
 
 
 def test_an_engine_that_dies_is_named(tmp_path):
@@ -155,3 +166,188 @@ def test_the_judge_knows_a_fall():
 def test_an_unknown_engine_is_said(tmp_path):
     with pytest.raises(signorini.InvalidInputError, match="havok"):
         simulators.run(Options(tmp_path, quick=True), only=("havok",))
+
+
+def test_an_unknown_scene_is_said(tmp_path):
+    with pytest.raises(signorini.InvalidInputError, match="moon"):
+        simulators.run(Options(tmp_path, quick=True), only_scenes=("moon",))
+
+
+def states(places, period=_trials.PERIOD):
+    """An answer of one free body, upright, that was at these places."""
+    q = [[*place, 0.0, 0.0, 0.0, 1.0] for place in places]
+    return {"states": [[one, [0.0] * 6] for one in q], "steps": 10 * (len(places) - 1)}
+
+
+def read(name, places):
+    (trial,) = (trial for trial in _trials.TRIALS if trial.name == name)
+    return trial.judge(states(places), 10 * (len(places) - 1))
+
+
+def test_the_trials_read_what_was_planted():
+    t = np.arange(101) * 0.01
+    creeping = np.stack([3e-6 * t + 1e-3 * (t > 0.2), 4e-6 * t, 0.1 + 0 * t], axis=1)
+    assert read("slope of 20 deg", creeping)["creep"] == pytest.approx(5e-6)
+
+    acceleration = 0.1 * 0.5 * 9.81
+    for name, along in (("slide at 0 deg", [1.0, 0.0]), ("slide at 45 deg", [0.5**0.5, 0.5**0.5])):
+        across = np.array([-along[1], along[0]])
+        way = 0.5 * 1.2 * acceleration * t**2 + 0.05 * t  # too fast; 0.05 m/s from the start
+        places = np.column_stack(
+            [np.outer(way, along) + np.outer(0.5 * 0.03 * acceleration * t**2, across), 0.1 + 0 * t]
+        )
+        places[70, 2] += 2e-5
+        found = read(name, places)
+        assert found["slide_error"] == pytest.approx(0.2)
+        assert found["sideways"] == pytest.approx(0.03)
+        assert found["hop"] == pytest.approx(2e-5)
+
+    for e, error in ((0.8, 0.0), (0.0, -1.0), (0.4, -0.75)):
+        t = np.arange(61) * 0.01
+        fall = (2 * 0.5 / 9.81) ** 0.5
+        after = np.maximum(t - fall, 0.0)
+        rise = np.maximum(e * 9.81 * fall * after - 0.5 * 9.81 * after**2, 0.0)
+        height = np.where(t < fall, 0.5 - 0.5 * 9.81 * t**2, rise)
+        found = read("bounce", np.column_stack([0 * t, 0 * t, 0.1 + height]))
+        assert found["bounce_error"] == pytest.approx(error, abs=1e-3)
+
+
+def test_a_stack_that_falls_or_is_stopped():
+    (trial,) = (trial for trial in _trials.TRIALS if trial.name.startswith("stack"))
+    still = np.tile([0.0, 0.0, 0.1], (11, 1))
+    fallen = still.copy()
+    fallen[4:, 0] = 0.5
+    assert trial.judge(states(still), 100) == {"moved": 0.0, "stood": pytest.approx(0.1)}
+    assert trial.judge(states(fallen), 100) == {"moved": 0.5, "stood": pytest.approx(0.04)}
+    assert trial.judge(states(still), 5000) == {"moved": None, "stood": pytest.approx(0.1)}  # nobody knows
+    assert trial.judge(states(fallen), 5000)["moved"] == 0.5  # it will not stand up again
+
+
+def test_what_passes():
+    good = {"creep": 1e-7, "slide_error": -0.005, "sideways": 0.0, "hop": 1e-6, "moved": 1e-3, "bounce_error": 0.005}
+    found = {trial.name: {**good, "failed": False} for trial in _trials.TRIALS}
+    assert set(_trials.passes(found).values()) == {True}
+    assert len(_trials.passes(found)) == 7
+
+    def without(trial, **changes):
+        return _trials.passes({**found, trial: {**found[trial], **changes}})
+
+    assert without("slide at 45 deg", sideways=0.02)["slide at 45 deg"] is False
+    assert without("slide at 0 deg", hop=1e-4)["hop"] is False
+    assert without("stack 1:1e4", moved=None)["stack"] is None
+    assert without("stack 1:1e4", moved=None, failed=True)["stack"] is False
+    assert without("bounce", error="ValueError: no coefficient of restitution")["bounce"] is False
+    assert set(_trials.passes({name: {"error": "not installed"} for name in found}).values()) == {None}
+
+
+def test_a_push_is_a_part_of_gravity():
+    """A box with the push in its gravity moves as one that is pushed."""
+    (trial,) = (trial for trial in _trials.TRIALS if trial.name == "slide at 45 deg")
+    model, q = trial.model()
+    one = signorini.Simulator(_exchange.build(model), time_step=1e-3)
+    one.state.q = q
+    other = signorini.Simulator(_trials.block().world, time_step=1e-3)
+    other.state.q = q
+    other.set_external_wrench("block", np.array([*model["gravity"][:2], 0.0]))  # 1 kg
+    one.run(100)
+    other.run(100)
+    assert one.state.q[0] == pytest.approx(0.1 * 0.5 * 9.81 * 1e-6 * 100 * 101 / 2 / 2**0.5, rel=1e-6)
+    np.testing.assert_allclose(one.state.q, other.state.q, atol=1e-10)
+
+
+def an_answer(world, q):
+    """What an engine says that has just this model."""
+    model = _exchange.plain(world, 0.8)
+    simulator = signorini.Simulator(_exchange.build(model))
+    simulator.state.q = q
+    inertias = [np.linalg.eigvalsh(link["inertia"]) for link in model["links"]]
+    links = [[link["mass"], *i] if link["mass"] else None for link, i in zip(model["links"], inertias, strict=True)]
+    report = {"time_step": 1e-3, "gravity": [0, 0, -9.81], "links": links, "limits": 0, "damping": 0.0, "pairs": None}
+    mass_matrix = simulator.mass_matrix.tolist()
+    total = sum(link["mass"] for link in model["links"])
+    state = [q.tolist(), [0.0] * world.num_v]
+    answer = {"report": report, "states": [state], "mass_matrix": mass_matrix, "total_mass": total, "touched": []}
+    return model, answer
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({}, None),
+        ({"time_step": 2e-3}, "steps of 0.002 s"),
+        ({"gravity": [0, 0, -9.8]}, "gravity"),
+        ({"limits": 1}, "limits on 1 joints"),
+        ({"damping": 0.1}, "damping or dry friction of 0.1"),
+    ],
+)
+def test_another_model_is_said(change, said):
+    world = robot()
+    q = some_q(world)
+    model, answer = an_answer(world, q)
+    answer["report"] |= change
+    found = simulators.differences(_exchange.build(model), model, q, answer)
+    if said is None:
+        assert found == []
+    else:
+        assert len(found) == 1
+        assert said in found[0]
+
+
+def test_another_mass_start_or_pair_is_said():
+    world = robot()
+    q = some_q(world)
+    model, answer = an_answer(world, q)
+    built = _exchange.build(model)
+    answer["report"]["links"][0][0] *= 1.001
+    assert "mass or inertia of trunk" in simulators.differences(built, model, q, answer)[0]
+    model, answer = an_answer(world, q)
+    answer["report"]["links"][3][2] *= 1.01
+    assert "mass or inertia of slide" in simulators.differences(built, model, q, answer)[0]
+    model, answer = an_answer(world, q)
+    answer["states"][0][0][0] += 1e-4
+    assert "starts 1.0e-01 mm off" in simulators.differences(built, model, q, answer)[0]
+    model, answer = an_answer(world, q)
+    answer["touched"] = [[0, 3], [-1, 3]]
+    assert simulators.differences(built, model, q, answer) == ["trunk and slide touched"]  # they exclude each other
+    model, answer = an_answer(world, q)
+    answer["report"]["pairs"] = [[-1, 0], [0, 3]]
+    said = ["the world and slide may not touch", "trunk and slide may touch"]
+    assert simulators.differences(built, model, q, answer) == said
+
+
+def test_every_engine_that_is_here_has_our_model(tmp_path):
+    """Of a robot with massless links and turned frames; those that are not installed are not asked."""
+    world = robot()
+    model = _exchange.plain(world, 0.8)
+    q = some_q(world)
+    q[2] += 1.0
+    _exchange.write(model, q, tmp_path)
+    built = _exchange.build(model)
+    asked = 0
+    for engine in engines.ENGINES:
+        python = engines.interpreter(engine)
+        if python is None:
+            continue
+        answer = engines.run(python, engine, engine.settings[0], tmp_path, time_step=1e-3, steps=10)
+        assert "error" not in answer, engine.name
+        assert simulators.differences(built, model, q, answer) == [], engine.name
+        asked += 1
+    assert asked >= 1
+
+
+def test_an_old_version_is_old():
+    mujoco = BY_NAME["mujoco"]
+    assert mujoco.is_old("3.2.7")
+    assert mujoco.is_old("4.0.0")
+    assert not mujoco.is_old("4.0.1")
+    assert not mujoco.is_old("4.1.0")
+    assert not BY_NAME["dart"].is_old("6.1")
+
+
+def test_mujocos_settings_are_named_as_they_are():
+    pytest.importorskip("mujoco")
+    from signorini.engines import _mujoco_settings
+
+    assert BY_NAME["mujoco"].settings == _mujoco_settings.SETTINGS
+    with pytest.raises(ValueError, match="slow"):
+        _mujoco_settings.apply(None, "slow", 1e-3)

@@ -192,6 +192,10 @@ def test_every_command_is_among_them(tmp_path):
     assert line[-4:] == ["--data", str(tmp_path), "--quick", "--no-peers"]
     line = experiment._command("stepping", known["stepping"], tmp_path, tmp_path, {"--quick": True, "--fresh": True})
     assert line[-3:] == ["--output", str(tmp_path), "--quick"]  # it has no --fresh, no --data
+    given = {"--quick": True, "--install": True}
+    line = experiment._command("simulators", known["simulators"], tmp_path, tmp_path, given)
+    assert line[-4:] == ["--output", str(tmp_path), "--quick", "--install"]
+    assert "--install" not in experiment._command("stepping", known["stepping"], tmp_path, tmp_path, given)
 
 
 def test_a_real_one(tmp_path, monkeypatch):

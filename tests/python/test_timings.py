@@ -112,14 +112,29 @@ def test_problems_are_written_and_solved(tmp_path, short):
 
 
 def test_what_fclib_cannot_hold_is_said(tmp_path):
+    random = np.random.default_rng(2)
+    jacobian = random.standard_normal((5, 7))
+    kinds = [FrictionCone(0.5), Interval(-1, 1), HalfLine()]
+    dry = signorini.ContactProblem(jacobian @ jacobian.T, random.standard_normal(5), constraints=kinds)
     plain = signorini.ContactProblem(np.eye(4), -np.ones(4), constraints=[FrictionCone(0.5), HalfLine()])
-    dry = signorini.ContactProblem(np.eye(4), -np.ones(4), constraints=[FrictionCone(0.5), Interval(-1, 1)])
     given = [Step(problem, [0], np.eye(3)[None], k) for k, problem in enumerate([dry, dry, plain, dry], 1)]
-    left_out = []
-    assert list(write_problems(iter(given), tmp_path, "some", left_out)) == given
-    assert left_out == [1, 2, 4]
-    assert [file.name for file in (tmp_path / "some").iterdir()] == ["some-000003.hdf5"]
-    assert timings._written("some", 4, left_out).endswith(": 1-2, 4")
+    without = []
+    assert list(write_problems(iter(given), tmp_path, "some", without)) == given
+    assert without == [1, 2, 4]
+    files = sorted((tmp_path / "some").iterdir())
+    assert [file.name for file in files] == [f"some-00000{k}.hdf5" for k in (1, 2, 3, 4)]
+    assert timings._written("some", 4, without).endswith(": 1-2, 4")
+
+    # The bodies with smooth joints: nothing but the contact and the limit pushes.
+    rows = [0, 1, 2, 4]
+    smooth = signorini.ContactProblem(
+        (jacobian @ jacobian.T)[np.ix_(rows, rows)], dry.free_velocity[rows], constraints=[kinds[0], kinds[2]]
+    )
+    expected = signorini.solve(smooth, tolerance=1e-10)
+    found = signorini.solve(fclib.read(files[0]), tolerance=1e-10)
+    assert expected.solved
+    assert found.solved
+    np.testing.assert_allclose(found.velocity[[0, 1, 2, 5]], expected.velocity, atol=1e-8)
 
 
 def test_timings(tmp_path, short):

@@ -42,6 +42,9 @@ Quick = Annotated[bool, typer.Option("--quick", help="A sample, to see that all 
 Peers = Annotated[bool, typer.Option("--peers/--no-peers", help="Run other people's solvers where installed.")]
 Every = Annotated[int | None, typer.Option(min=1, help="Take every so many problems of a family.")]
 Fresh = Annotated[bool, typer.Option("--fresh", help="Measure again what an earlier run into DIR has measured.")]
+Install = Annotated[
+    bool, typer.Option("--install", help="Get engines that are missing from PyPI, each into its own environment.")
+]
 Family = Annotated[list[str] | None, typer.Option(help="Only this family; may be given several times.")]
 
 
@@ -79,7 +82,7 @@ def _bar(errors: Console) -> Progress:
 
 
 def _show(console: Console, report: Report) -> None:
-    wide = console if console.is_terminal else Console(width=200)
+    wide = console if console.is_terminal else Console(width=240)
     for title, (columns, rows) in report.tables.items():
         table = Table(title=escape(title), title_justify="left")
         for k, column in enumerate(columns):
@@ -131,7 +134,7 @@ def updates(
 
 @app.command()
 def convergence(output: Output, quick: Quick = False) -> None:
-    """Fig. 4, the cubes' half: residuals by iteration, down to 1e-9."""
+    """Fig. 4: residuals by iteration on cubes and Talos, down to 1e-9."""
     from signorini.experiments import convergence as experiment
 
     _run(experiment.run, _options(output, None, quick, None, False, None))
@@ -192,18 +195,20 @@ def stepping(output: Output, quick: Quick = False) -> None:
 def simulators(
     output: Output,
     quick: Quick = False,
-    install: Annotated[
-        bool, typer.Option("--install", help="Get engines that are missing from PyPI, each into its own environment.")
-    ] = False,
+    install: Install = False,
     engine: Annotated[
         list[str] | None, typer.Option(help="Only ours and this engine; may be given several times.")
     ] = None,
+    scene: Annotated[
+        list[str] | None,
+        typer.Option(help="Only this scene, or trials, the small ones; may be given several times."),
+    ] = None,
 ) -> None:
-    """Fig. 6: MuJoCo, Drake, Bullet and DART beside ours, steps a second and what they are worth."""
+    """Fig. 6: MuJoCo, Drake, Bullet and DART beside ours: steps a second, and what they are worth."""
     from signorini.experiments import simulators as experiment
 
     options = _options(output, None, quick, None, False, None)
-    _run(lambda given: experiment.run(given, install, tuple(engine or ())), options)
+    _run(lambda given: experiment.run(given, install, tuple(engine or ()), tuple(scene or ())), options)
 
 
 @app.command()
@@ -257,6 +262,7 @@ def everything(
         list[str] | None, typer.Option(help="Leave this experiment out; may be given several times.")
     ] = None,
     fresh: Fresh = False,
+    install: Install = False,
 ) -> None:
     """All of them, each in its own process, and one report page (report.html, report.md).
 
@@ -280,7 +286,7 @@ def everything(
     except (OSError, ValueError) as error:
         errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
         raise typer.Exit(2) from None
-    given = {"--quick": quick, "--fresh": fresh, "--no-peers": not with_peers}
+    given = {"--quick": quick, "--fresh": fresh, "--no-peers": not with_peers, "--install": install}
     commands = {name: _command(name, callback, output, folder, given) for name, callback in wanted.items()}
     surroundings = environment({})
     setting = {
@@ -288,6 +294,7 @@ def everything(
         "build": build_id(),
         "quick": quick,
         "peers": with_peers,
+        "install": install,
         "data": folder,
     }
     runs = _all.Runs(commands, output, setting, fresh)
@@ -322,7 +329,7 @@ def _command(
     line = [sys.executable, "-c", program, "experiment", name, "--output", str(output)]
     if "data" in parameters and data is not None:
         line += ["--data", str(data)]
-    owners = {"--quick": "quick", "--fresh": "fresh", "--no-peers": "with_peers"}
+    owners = {"--quick": "quick", "--fresh": "fresh", "--no-peers": "with_peers", "--install": "install"}
     return line + [flag for flag, on in given.items() if on and owners[flag] in parameters]
 
 

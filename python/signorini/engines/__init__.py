@@ -29,7 +29,8 @@ TIMEOUT = 60.0  # [s] to load, beyond the time to step
 @dataclass(frozen=True)
 class Engine:
     """name: of its run_*.py too. module: that shows whether it is there. requirements: for pip, without what those ask
-    for (numpy comes along). settings: what it is run as; the first is its default. licence: of the package."""
+    for (numpy comes along). settings: what it is run as; the first is its default. licence: of the package. least: the
+    oldest version that is to be measured."""
 
     name: str
     title: str
@@ -37,12 +38,28 @@ class Engine:
     requirements: tuple[str, ...]
     licence: str
     settings: tuple[str, ...]
+    least: tuple[int, ...] = ()
+
+    def is_old(self, version: str) -> bool:
+        """Whether a version is older than the least."""
+        numbers = tuple(int(part) for part in version.split(".") if part.isdigit())
+        return numbers < self.least
 
 
 ENGINES = (
     Engine("signorini", "ours", "signorini", (), "Apache-2.0", ("default",)),
-    Engine("mujoco", "MuJoCo", "mujoco", ("mujoco-core>=4.0.1",), "Apache-2.0", ("pyramidal", "elliptic", "accurate")),
-    Engine("drake", "Drake", "pydrake", ("drake", "pyyaml", "pydot"), "BSD-3", ("default", "near rigid")),
+    Engine(
+        "mujoco",
+        "MuJoCo",
+        "mujoco",
+        ("mujoco-core>=4.0.1",),
+        "Apache-2.0",
+        ("pyramidal", "elliptic", "accurate"),
+        (4, 0, 1),
+    ),
+    Engine(
+        "drake", "Drake", "pydrake", ("drake", "pyyaml", "pydot"), "BSD-3", ("default", "near rigid", "hydroelastic")
+    ),
     Engine("bullet", "Bullet", "pybullet", ("pybullet",), "zlib", ("default", "1000 iterations")),
     Engine("dart", "DART", "dartpy", ("dartpy",), "BSD-2", ("default", "exact friction")),
 )

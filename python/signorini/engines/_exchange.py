@@ -59,11 +59,11 @@ def _pose(rotation: Array, position: Array) -> dict[str, Any]:
     }
 
 
-def plain(world: World, friction: float) -> dict[str, Any]:
+def plain(world: World, friction: float, restitution: float = 0.0) -> dict[str, Any]:
     """The model as numbers that JSON can hold; link k hangs on the world's joint k, in the frame of that joint.
 
-    friction: of all pairs. Raises InvalidInputError for what it has no place for: height fields, welds and couplings,
-    pairs of links of which some geometries may touch and others not.
+    friction, restitution: of all pairs. Raises InvalidInputError for what it has no place for: height fields, welds and
+    couplings, pairs of links of which some geometries may touch and others not.
     """
     if world._core.contact_pairs:
         raise InvalidInputError("world: has pairs with materials of their own, which the engines' model does not")
@@ -102,6 +102,7 @@ def plain(world: World, friction: float) -> dict[str, Any]:
     return {
         "gravity": world.gravity.tolist(),
         "friction": friction,
+        "restitution": restitution,
         "links": links,
         "geometries": geometries,
         "excluded": _excluded(world, geometries),
@@ -201,7 +202,7 @@ def build(model: dict[str, Any]) -> World:
             _shape(geometry),
             position=geometry["position"],
             orientation=np.array(geometry["rotation"]),
-            material=Material(friction=geometry["friction"]),
+            material=Material(friction=geometry["friction"], restitution=model["restitution"]),
             name=f"geometry-{k}",
         )
     for a, b in model["excluded"]:

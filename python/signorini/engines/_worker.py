@@ -1,7 +1,13 @@
 """What every engine's process does: load, step, time. Run by whatever Python has the engine; needs numpy alone.
 
 An engine is a function load(folder, model, setting, time_step) -> object with step(count), state() -> (q, v) in our
-order and conventions, set_state(q) at rest, mass_matrix() or None, total_mass(), and `extra`, numbers of its own.
+order and conventions, set_state(q) at rest, mass_matrix() or None, total_mass(), report(), touching() and `extra`,
+numbers of its own.
+
+report(): what it says of the model that it has made: time_step [s], gravity [m/s^2], links: of each its mass [kg] and
+principal inertias in order [kg m^2], or None where it has none; limits: how many joints have some; damping: the
+largest; pairs: of links that may touch, -1 the world, or None where it cannot be asked. touching(): pairs of links with
+a contact now.
 """
 
 from __future__ import annotations
@@ -17,6 +23,12 @@ from typing import Any
 import numpy as np
 
 BLOCK = 10  # steps between two looks at the state
+NO_RESTITUTION = "no coefficient of restitution"
+
+
+def principal(inertia: Any) -> list[float]:
+    """Principal moments of a 3 x 3 inertia about the centre, in order."""
+    return [float(x) for x in np.linalg.eigvalsh(np.asarray(inertia))]
 
 
 def rotation(q: Any) -> Any:
@@ -42,12 +54,19 @@ def layout(model: dict[str, Any]) -> list[tuple[int, int, int, int]]:
     return out
 
 
+def _said(error: Exception) -> str:
+    """Its first sentence."""
+    lines = str(error).strip().splitlines() or [""]
+    return f"{type(error).__name__}: {lines[0].split('. ')[0]}"
+
+
 def main(version: str, load: Callable[[Path, dict[str, Any], str, float], Any]) -> None:
     """Reads a request from the file named on the command line, writes the answer next to it.
 
     Request: model (folder), setting, time_step, steps, limit (seconds of stepping after which it stops). Answer:
-    version, seconds, steps made, q and v after every BLOCK steps, mass_matrix at the start, total_mass, extra; or
-    error.
+    version, seconds, steps made, q and v after every BLOCK steps, mass_matrix at the start, total_mass, report,
+    touched: pairs of links that touched at one of those times, extra; stopped: why it made fewer steps, failed: when it
+    was not for lack of time; or error.
     """
     path = Path(sys.argv[1])
     request = json.loads(path.read_text())
@@ -59,25 +78,34 @@ def main(version: str, load: Callable[[Path, dict[str, Any], str, float], Any]) 
         engine.set_state(np.array(json.loads((folder / "start.json").read_text())["q"]))
         matrix = engine.mass_matrix()
         answer |= {"mass_matrix": None if matrix is None else np.asarray(matrix).tolist()}
-        answer |= {"total_mass": float(engine.total_mass())}
+        answer |= {"total_mass": float(engine.total_mass()), "report": engine.report()}
         states: list[Any] = [[np.asarray(x).tolist() for x in engine.state()]]
         seconds, steps = 0.0, 0
+        touched: set[tuple[int, int]] = set()
         while steps < request["steps"] and seconds < request["limit"]:
             count = min(BLOCK, request["steps"] - steps)
             began = time.perf_counter()
-            engine.step(count)
+            try:
+                engine.step(count)
+            except Exception as error:
+                if not steps:
+                    raise
+                answer |= {"stopped": f"failed after {steps} steps: {_said(error)}", "failed": True}
+                break
             seconds += time.perf_counter() - began
             steps += count
+            touched |= {(min(pair), max(pair)) for pair in engine.touching()}
             states.append([np.asarray(x).tolist() for x in engine.state()])
             if not all(np.isfinite(x).all() for x in states[-1]):
                 states.pop()
-                answer["stopped"] = f"not finite after {steps} steps"
+                answer |= {"stopped": f"not finite after {steps} steps", "failed": True}
                 break
         if steps < request["steps"]:
             answer.setdefault("stopped", f"out of time after {steps} steps")
-        answer |= {"seconds": seconds, "steps": steps, "states": states, "extra": engine.extra()}
+        answer |= {"seconds": seconds, "steps": steps, "states": states, "touched": sorted(touched)}
+        answer |= {"extra": engine.extra()}
     except Exception as error:
-        answer["error"] = f"{type(error).__name__}: {str(error).strip().splitlines()[0] if str(error).strip() else ''}"
+        answer["error"] = _said(error)
     path.with_suffix(".answer").write_text(json.dumps(answer))
     sys.stdout.flush()
     os._exit(0)  # some engines crash while Python takes them down

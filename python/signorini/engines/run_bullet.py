@@ -130,12 +130,12 @@ class Engine:
             self.where[int(name.removeprefix("joint-"))] = body, joint
 
     def _smooth(self, model: dict[str, Any]) -> None:
-        """No damping, no motors, friction that multiplies to the model's."""
-        mu = math.sqrt(model["friction"])
+        """No damping, no motors, friction and restitution that multiply to the model's."""
+        mu, bounce = math.sqrt(model["friction"]), math.sqrt(model["restitution"])
         for body in range(pybullet.getNumBodies()):
             for link in range(-1, pybullet.getNumJoints(body)):
                 pybullet.changeDynamics(
-                    body, link, lateralFriction=mu, linearDamping=0.0, angularDamping=0.0, restitution=0.0
+                    body, link, lateralFriction=mu, linearDamping=0.0, angularDamping=0.0, restitution=bounce
                 )
                 pybullet.changeDynamics(body, link, jointDamping=0.0, maxJointVelocity=FASTEST)
                 pybullet.changeDynamics(body, link, rollingFriction=0.0, spinningFriction=0.0)
@@ -202,6 +202,33 @@ class Engine:
 
     def total_mass(self) -> float:
         return float(sum(pybullet.getDynamicsInfo(*self.where[k])[0] for k in self.where))
+
+    def report(self) -> dict[str, Any]:
+        links: list[Any] = []
+        joints = []
+        for k, link in enumerate(self.links):
+            body, joint = self.where[k]
+            info = pybullet.getDynamicsInfo(body, joint)
+            links.append([info[0], *sorted(info[2])] if link["mass"] > 0.0 else None)
+            if joint >= 0:
+                joints.append(pybullet.getJointInfo(body, joint))
+        parameters = pybullet.getPhysicsEngineParameters()
+        return {
+            "time_step": parameters["fixedTimeStep"],
+            "gravity": [parameters[f"gravityAcceleration{axis}"] for axis in "XYZ"],
+            "links": links,
+            "limits": sum(joint[8] <= joint[9] for joint in joints),
+            "damping": max((joint[6] + joint[7] for joint in joints), default=0.0),
+            "pairs": None,
+        }
+
+    def touching(self) -> list[Any]:
+        number = {place: k for k, place in self.where.items()}
+        return [
+            [number.get((c[1], c[3]), -1), number.get((c[2], c[4]), -1)]
+            for c in pybullet.getContactPoints()
+            if c[8] <= 0.0  # nearer than its margin, and not apart
+        ]
 
     def extra(self) -> dict[str, float]:
         return {}

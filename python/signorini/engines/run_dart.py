@@ -7,6 +7,7 @@ MultiSphereConvexHullShape they would touch 4 cm before they do.
 from __future__ import annotations
 
 import importlib.metadata
+import math
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +87,7 @@ class Engine:
             node.createCollisionAspect()
             node.createDynamicsAspect()
             node.getDynamicsAspect().setFrictionCoeff(geometry["friction"])
-            node.getDynamicsAspect().setRestitutionCoeff(0.0)
+            node.getDynamicsAspect().setRestitutionCoeff(math.sqrt(model["restitution"]))  # it multiplies
         chosen = solver.getCollisionOption().collisionFilter
         for a, b in model["excluded"]:
             chosen.addBodyNodePairToBlackList(*(self.bodies[k] if k >= 0 else self.ground for k in (a, b)))
@@ -156,6 +157,35 @@ class Engine:
 
     def total_mass(self) -> float:
         return float(sum(body.getMass() for body in self.bodies))
+
+    def report(self) -> dict[str, Any]:
+        links: list[Any] = []
+        for link, body in zip(self.links, self.bodies, strict=True):
+            inertia = body.getInertia()
+            links.append([inertia.getMass(), *_worker.principal(inertia.getMoment())] if link["mass"] > 0.0 else None)
+        dofs = [(joint, k) for joint in self.joints for k in range(joint.getNumDofs())]
+        return {
+            "time_step": self.world.getTimeStep(),
+            "gravity": np.ravel(self.world.getGravity()).tolist(),
+            "links": links,
+            "limits": sum(joint.hasPositionLimit(k) and joint.areLimitsEnforced() for joint, k in dofs),
+            "damping": max(
+                (float(joint.getDampingCoefficient(k) + joint.getCoulombFriction(k)) for joint, k in dofs), default=0.0
+            ),
+            "pairs": None,
+        }
+
+    def touching(self) -> list[Any]:
+        def name(body: Any) -> tuple[str, str]:
+            return body.getSkeleton().getName(), body.getName()
+
+        number = {name(body): k for k, body in enumerate(self.bodies)}
+        number[name(self.ground)] = -1
+        nodes = (
+            [name(x.getShapeFrame().asShapeNode().getBodyNodePtr()) for x in (c.collisionObject1, c.collisionObject2)]
+            for c in self.world.getLastCollisionResult().getContacts()
+        )
+        return [[number[a], number[b]] for a, b in nodes]
 
     def extra(self) -> dict[str, float]:
         return {}

@@ -1,4 +1,7 @@
-"""Drake: MultibodyPlant in discrete time, point contact; default, and SAP with contacts near rigid."""
+"""Drake: MultibodyPlant in discrete time: default; SAP with point contacts near rigid; hydroelastic patches.
+
+Without hydroelastic properties, as by default, two bodies touch in one point, the deepest: a box on the ground rocks.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,9 @@ from typing import Any
 import _worker
 import numpy as np
 from pydrake.geometry import (
+    AddCompliantHydroelasticProperties,
     AddContactMaterial,
+    AddRigidHydroelasticProperties,
     Box,
     Capsule,
     CollisionFilterDeclaration,
@@ -30,6 +35,10 @@ from pydrake.multibody.plant import (
 from pydrake.multibody.tree import FixedOffsetFrame, PrismaticJoint, RevoluteJoint, RotationalInertia, SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
+
+MODULUS = 1e8  # [Pa], of hydroelastic bodies; the ground is rigid
+RESOLUTION = 0.05  # [m], of their meshes
+STICTION = 1e-6  # [m/s]: TAMSI lets what sticks creep at about that
 
 
 def transform(pose: dict[str, Any]) -> RigidTransform:
@@ -58,32 +67,33 @@ class Engine:
     """Bodies, joints and shapes by the plant's own calls."""
 
     def __init__(self, folder: Path, model: dict[str, Any], setting: str, time_step: float) -> None:
-        self.links, self.layout = model["links"], _worker.layout(model)
+        if model["restitution"] > 0.0:
+            raise ValueError(_worker.NO_RESTITUTION)
+        self.links, self.layout, self.model = model["links"], _worker.layout(model), model
         builder = DiagramBuilder()
         plant, scene = AddMultibodyPlantSceneGraph(builder, time_step)
         self.plant, self.time_step, self.time = plant, time_step, 0.0
         plant.mutable_gravity_field().set_gravity_vector(model["gravity"])
         plant.set_adjacent_bodies_collision_filters(False)  # all pairs that never touch are listed
-        near_rigid = setting == "near rigid"
-        if near_rigid:
+        if setting == "near rigid":
             plant.set_contact_model(ContactModel.kPoint)
             plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
+        elif setting == "hydroelastic":
+            tamsi = not model["loops"]  # it has no constraints
+            approximation = DiscreteContactApproximation.kTamsi if tamsi else DiscreteContactApproximation.kSap
+            plant.set_discrete_contact_approximation(approximation)
+            plant.set_stiction_tolerance(STICTION)
         bodies = [self._body(link) for link in self.links] + [plant.world_body()]  # -1 is the world
         self.bodies, self.joints = bodies, [self._joint(k, bodies) for k in range(len(self.links))]
         for k, geometry in enumerate(model["geometries"]):
-            properties = ProximityProperties()
-            mu = CoulombFriction(geometry["friction"], geometry["friction"])
-            if near_rigid:
-                AddContactMaterial(dissipation=0.0, point_stiffness=1e12, friction=mu, properties=properties)
-                properties.AddProperty("material", "relaxation_time", time_step)
-            else:
-                AddContactMaterial(friction=mu, properties=properties)
+            properties = self._properties(geometry, setting)
             body = bodies[geometry["link"]]
             plant.RegisterCollisionGeometry(body, transform(geometry), shape_of(geometry), f"g{k}", properties)
         for loop in model["loops"]:
             ends = bodies[loop["link_a"]], loop["point_a"], bodies[loop["link_b"]], loop["point_b"]
             plant.AddBallConstraint(*ends)
         plant.Finalize()
+        self.inspector = scene.model_inspector()
         filters = scene.collision_filter_manager()
         for a, b in model["excluded"]:
             sets = [GeometrySet(plant.GetCollisionGeometriesForBody(bodies[k])) for k in (a, b)]
@@ -91,6 +101,22 @@ class Engine:
         diagram = builder.Build()
         self.simulator = Simulator(diagram)
         self.context = plant.GetMyMutableContextFromRoot(self.simulator.get_mutable_context())
+
+    def _properties(self, geometry: dict[str, Any], setting: str) -> Any:
+        properties = ProximityProperties()
+        mu = CoulombFriction(geometry["friction"], geometry["friction"])
+        if setting == "near rigid":
+            AddContactMaterial(dissipation=0.0, point_stiffness=1e12, friction=mu, properties=properties)
+            properties.AddProperty("material", "relaxation_time", self.time_step)
+        elif setting == "hydroelastic":
+            AddContactMaterial(dissipation=1.0, friction=mu, properties=properties)
+            if geometry["shape"] == "half_space":
+                AddRigidHydroelasticProperties(properties)
+            else:
+                AddCompliantHydroelasticProperties(RESOLUTION, MODULUS, properties)
+        else:
+            AddContactMaterial(friction=mu, properties=properties)
+        return properties
 
     def _body(self, link: dict[str, Any]) -> Any:
         mass = link["mass"]
@@ -154,6 +180,46 @@ class Engine:
 
     def total_mass(self) -> float:
         return float(self.plant.CalcTotalMass(self.context))
+
+    def report(self) -> dict[str, Any]:
+        links: list[Any] = []
+        for body in self.bodies[:-1]:
+            mass, c = body.default_mass(), body.default_com()
+            about = body.default_rotational_inertia().CopyToFullMatrix3()  # the body's origin
+            central = about - mass * (c @ c * np.eye(3) - np.outer(c, c))
+            links.append([mass, *_worker.principal(central)] if mass > 0.0 else None)
+        joints = [joint for joint in self.joints if joint is not None]
+        return {
+            "time_step": self.plant.time_step(),
+            "gravity": self.plant.gravity_field().gravity_vector().tolist(),
+            "links": links,
+            "limits": sum(bool(np.isfinite(joint.position_lower_limits()).any()) for joint in joints),
+            "damping": max((joint.default_damping() for joint in joints), default=0.0),
+            "pairs": self._pairs(),
+        }
+
+    def _pairs(self) -> list[list[int]]:
+        of = [(k, self.plant.GetCollisionGeometriesForBody(self.bodies[k])) for k in range(-1, len(self.links))]
+        found = [
+            [a, b]
+            for n, (a, first) in enumerate(of)
+            for b, second in of[n + 1 :]
+            if any(not self.inspector.CollisionFiltered(x, y) for x in first for y in second)
+        ]
+        return sorted(found)
+
+    def touching(self) -> list[Any]:
+        results = self.plant.get_contact_results_output_port().Eval(self.context)
+        number = {body.index(): k for k, body in enumerate(self.bodies[:-1])}
+        points = (results.point_pair_contact_info(k) for k in range(results.num_point_pair_contacts()))
+        out = [[number.get(c.bodyA_index(), -1), number.get(c.bodyB_index(), -1)] for c in points]
+        frames = {}
+        for body in self.bodies:
+            for geometry in self.plant.GetCollisionGeometriesForBody(body):
+                frames[geometry] = number.get(body.index(), -1)
+        surfaces = (results.hydroelastic_contact_info(k) for k in range(results.num_hydroelastic_contacts()))
+        ends = ((s.contact_surface().id_M(), s.contact_surface().id_N()) for s in surfaces)
+        return out + [[frames[a], frames[b]] for a, b in ends]
 
     def extra(self) -> dict[str, float]:
         return {}

@@ -37,6 +37,27 @@ class Engine:
     def total_mass(self) -> float:
         return float(sum(link["mass"] for link in self.model["links"]))
 
+    def report(self) -> dict[str, Any]:
+        world = self.simulator.world
+        bodies = world.bodies[1:]
+        joints = world.joints
+        of = [world.bodies[g.body].frame - 1 for g in world.geometries]
+        found = {tuple(sorted((of[a], of[b]))) for a in range(len(of)) for b in range(a) if world._core.may_touch(a, b)}
+        return {
+            "time_step": self.simulator.settings.time_step,
+            "gravity": world.gravity.tolist(),
+            "links": [[b.mass, *_worker.principal(b.inertia)] if b.mass > 0.0 else None for b in bodies],
+            "limits": sum(bool(np.isfinite([joint.lower, joint.upper]).any()) for joint in joints),
+            "damping": max((joint.damping + joint.friction for joint in joints), default=0.0),
+            "pairs": sorted(found),
+        }
+
+    def touching(self) -> list[Any]:
+        contacts = self.simulator.contacts
+        names = [link["name"] for link in self.model["links"]]
+        number = {name: k for k, name in enumerate(names)}
+        return [[number.get(c.body_a, -1), number.get(c.body_b, -1)] for c in contacts]
+
     def extra(self) -> dict[str, float]:
         return {"worst_certificate": self.worst, "unsolved": self.unsolved}
 

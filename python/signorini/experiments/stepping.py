@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -38,27 +37,6 @@ def cubes_mjcf(num_cubes: int = 15, edge: float = 0.2, mass: float = 1.0) -> str
     )
 
 
-def mujoco_settings(mujoco: Any) -> dict[str, Callable[[Any], None]]:
-    """What each setting of MuJoCo changes in a model; all use Newton, its default, and one thread."""
-
-    def pyramidal(model: Any) -> None:
-        model.opt.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
-
-    def elliptic(model: Any) -> None:
-        model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-
-    def accurate(model: Any) -> None:
-        elliptic(model)
-        model.opt.impratio = 100.0
-        model.opt.noslip_iterations = 20
-        model.opt.tolerance = 1e-10
-        model.opt.iterations = 200
-        model.geom_solref[:] = [2.0 * TIME_STEP, 1.0]  # as stiff as the time step allows
-        model.geom_solimp[:, :3] = [0.99, 0.999, 1e-4]
-
-    return {"pyramidal": pyramidal, "elliptic": elliptic, "accurate": accurate}
-
-
 def run(options: Options) -> Report:
     """Each engine steps its own copy of a scene for two seconds, in turns, several rounds; medians of steps a second.
 
@@ -68,14 +46,15 @@ def run(options: Options) -> Report:
     rounds = QUICK_ROUNDS if options.quick else ROUNDS
     notes: list[str] = []
     versions: dict[str, str] = {}
+    settings: tuple[str, ...] = ()
     try:
         import mujoco
 
-        versions["mujoco"] = mujoco.__version__
-        settings = mujoco_settings(mujoco)
+        from signorini.engines import _mujoco_settings
+
+        versions["MuJoCo"] = mujoco.__version__
+        settings = _mujoco_settings.SETTINGS
     except ImportError:
-        mujoco = None
-        settings = {}
         notes.append("MuJoCo is missing (pip install signorini[mjcf]): ours alone")
     numbers: dict[str, Any] = {"time_step": TIME_STEP, "tolerance": TOLERANCE, "steps": steps, "scenes": {}}
     rows: list[list[str]] = []
@@ -84,16 +63,16 @@ def run(options: Options) -> Report:
     work = len(all_scenes) * rounds
     for index, (name, (start, mjcf)) in enumerate(all_scenes.items()):
         runs: dict[str, list[dict[str, Any]]] = {OURS: []}
-        engines = settings if mjcf is not None else {}
+        engines = settings if mjcf is not None else ()
         for setting in engines:
             runs[f"MuJoCo {setting}"] = []
         for k in range(rounds):
             options.progress(index * rounds + k, work, name)
             gc.collect()
             runs[OURS].append(_ours(start, steps))
-            for setting, change in engines.items():
+            for setting in engines:
                 assert mjcf is not None
-                runs[f"MuJoCo {setting}"].append(_mujoco(mujoco, mjcf, change, start, steps))
+                runs[f"MuJoCo {setting}"].append(_mujoco(mjcf, setting, start, steps))
         median = {key: float(np.median([one["steps_per_second"] for one in many])) for key, many in runs.items()}
         ours = runs[OURS][0]
         numbers["scenes"][name] = {"runs": runs, "median_steps_per_second": median}
@@ -179,10 +158,13 @@ def _ours(start: scenes.Start, steps: int) -> dict[str, Any]:
     }
 
 
-def _mujoco(mujoco: Any, mjcf: str, change: Callable[[Any], None], start: scenes.Start, steps: int) -> dict[str, Any]:
+def _mujoco(mjcf: str, setting: str, start: scenes.Start, steps: int) -> dict[str, Any]:
+    import mujoco
+
+    from signorini.engines import _mujoco_settings
+
     model = mujoco.MjModel.from_xml_string(mjcf)
-    model.opt.timestep = TIME_STEP
-    change(model)
+    _mujoco_settings.apply(model, setting, TIME_STEP)
     data = mujoco.MjData(model)
     data.qpos[:] = _mujoco_q(start)
     block, penetration, elapsed = 50, 0.0, 0.0

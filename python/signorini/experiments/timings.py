@@ -172,17 +172,22 @@ def measure(steps: Iterator[Step], taking_part: list[Solver], repeats: int) -> l
     return out
 
 
-def write_problems(steps: Iterator[Step], folder: Path, scene: str, left_out: list[int]) -> Iterator[Step]:
-    """Hands the steps on and writes each as folder/SCENE/STEP.hdf5; those with joint friction or drives' limits
-    (intervals), which FCLIB has not, go into left_out."""
+def write_problems(steps: Iterator[Step], folder: Path, scene: str, without: list[int]) -> Iterator[Step]:
+    """Hands the steps on and writes each as folder/SCENE/STEP.hdf5.
+
+    FCLIB has no intervals: those with joint friction or drives' limits are written without, which the file says, and
+    their numbers go into `without`. Such a file is a problem of its own, of the same bodies with smooth joints.
+    """
     (folder / scene).mkdir(parents=True, exist_ok=True)
     for step in steps:
-        contacts = as_contacts(step.problem)
+        contacts, said = as_contacts(step.problem), f"{TIME_STEP:g} s a step"
         if contacts is None:
-            left_out.append(step.number)
-        else:
-            path = folder / scene / f"{scene}-{step.number:06d}.hdf5"
-            fclib.write(path, contacts, title=path.stem, description=f"{TIME_STEP:g} s a step")
+            without.append(step.number)
+            contacts = as_contacts(step.problem, drop_intervals=True)
+            said += "; joint friction and limits of drives left out"
+        assert contacts is not None
+        path = folder / scene / f"{scene}-{step.number:06d}.hdf5"
+        fclib.write(path, contacts, title=path.stem, description=said)
         yield step
 
 
@@ -223,12 +228,12 @@ def run(options: Options, write_to: Path | None = None) -> Report:
                 options.progress(first + step.number, total, scene)
                 yield step
 
-        left_out: list[int] = []
+        without: list[int] = []
         began = time.perf_counter()
         try:
             steps = watched(record_steps(scene, count, every))
             if write_to is not None:
-                steps = write_problems(steps, write_to, scene, left_out)
+                steps = write_problems(steps, write_to, scene, without)
             items = measure(steps, taking_part, REPEATS)
         except (FileNotFoundError, ImportError, signorini.InvalidInputError) as error:
             notes.append(f"{scene} left out: {error}")
@@ -236,12 +241,12 @@ def run(options: Options, write_to: Path | None = None) -> Report:
             continue
         done += count
         if write_to is not None:
-            notes.append(_written(scene, len(items), left_out))
+            notes.append(_written(scene, len(items), without))
         numbers["scenes"][scene] = {
             "steps": len(items),
             "every": every,
             "seconds": time.perf_counter() - began,
-            "left_out_of_files": left_out,
+            "written_without_intervals": without,
             "solvers": _solvers(items),
             "runs": items,
         }
@@ -259,19 +264,17 @@ def run(options: Options, write_to: Path | None = None) -> Report:
     return report
 
 
-def _written(scene: str, count: int, left_out: list[int]) -> str:
-    if not left_out:
+def _written(scene: str, count: int, without: list[int]) -> str:
+    if not without:
         return f"{scene}: all {count} problems written"
     spans: list[list[int]] = []
-    for number in left_out:
+    for number in without:
         if spans and number == spans[-1][1] + 1:
             spans[-1][1] = number
         else:
             spans.append([number, number])
     said = ", ".join(f"{first}-{last}" if last > first else str(first) for first, last in spans)
-    return (
-        f"{scene}: {count - len(left_out)} problems written; left out, with joint friction that FCLIB has not: {said}"
-    )
+    return f"{scene}: all {count} problems written, without their joint friction, which FCLIB has not: {said}"
 
 
 def _solvers(items: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
