@@ -366,7 +366,7 @@ struct Detector::Impl {
   }
 
   bool must_sweep(int a, int b) const {
-    return is_fast(a, b) && closing_speed(moving(a), moving(b)) * duration > settings.sweep_from;
+    return is_fast(a, b) && closing_speed(moving(a), moving(b), duration) * duration > settings.sweep_from;
   }
 
   /// How many points of a pair there are, and where in the list, or where they would be.

@@ -41,14 +41,24 @@ double Moving::arm() const {
   return (place * solid.centre - motion.centre).norm() + (solid.type == ShapeType::Sphere ? 0.0 : solid.radius);
 }
 
-double closing_speed(const Moving& a, const Moving& b) {
-  return (b.motion.velocity - a.motion.velocity).norm() + a.motion.angular.norm() * a.arm() +
-         b.motion.angular.norm() * b.arm();
+double closing_speed(const Moving& a, const Moving& b, double duration) {
+  const double turns_a = a.motion.angular.norm(), turns_b = b.motion.angular.norm();
+  const double ways_a = turns_a * a.arm(), ways_b = turns_b * b.arm();
+  const double apart = (b.motion.velocity - a.motion.velocity).norm() + ways_a + ways_b;
+  if (ways_a == 0.0 || ways_b == 0.0) return apart;
+  // Links that turn together: the way of one's points against the other, taken as a body that fills all space.
+  const auto against = [&](const Moving& all, const Moving& one) {
+    const Vector3 centre = one.place * one.solid.centre;
+    const double speed = (one.velocity(centre, 0.0) - all.velocity(centre, 0.0)).norm() +
+                         (one.motion.angular - all.motion.angular).norm() * one.solid.radius;
+    return speed + duration * (turns_a + turns_b) * (speed + std::max(ways_a, ways_b));
+  };
+  return std::min({apart, against(a, b), against(b, a)});
 }
 
 bool find_meeting(NarrowPhase& narrow_phase, const Moving& a, const Moving& b, double duration, double margin,
                   double slack, Meeting& out) {
-  const double speed = closing_speed(a, b);
+  const double speed = closing_speed(a, b, duration);
   if (!(speed > 0.0 && speed * duration < 1e6)) return false;
   PairMemory memory;
   double level = 0.0;  // they meet when the gap is below

@@ -22,8 +22,8 @@ struct Moving {
   }
 };
 
-/// [m/s] No two points of a and b come together faster than this, however long both move.
-double closing_speed(const Moving& a, const Moving& b);
+/// [m/s] a and b come together no faster than this while both move for `duration`.
+double closing_speed(const Moving& a, const Moving& b, double duration);
 
 /// When two geometries first meet, and their manifold then (world, at that time).
 struct Meeting {
