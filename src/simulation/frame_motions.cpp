@@ -9,6 +9,10 @@
 namespace signorini {
 namespace {
 
+// Of the square of a fast speed: (x + y)^2 <= 2 (x^2 + y^2), and some more, since the angular velocity of a body
+// changes as it turns.
+constexpr double kFree = 0.3;
+
 /// Radius of a ball about the origin of the geometry's frame that holds it.
 double reach(const World::Impl& w, const Geometry& geometry) {
   const Body& body = w.bodies[static_cast<std::size_t>(geometry.body)];
@@ -27,6 +31,9 @@ FrameMotions::FrameMotions(const World& world, double time_step, double slow)
     double& own = reach_[static_cast<std::size_t>(frame)];
     own = std::max(own, reach(w, geometry));
   }
+  own_ = reach_;
+  for (std::size_t f = static_cast<std::size_t>(w.num_articulated_frames); f < reach_.size(); ++f)
+    free_square_.push_back(reach_[f] * reach_[f]);
   std::vector<double> slides(static_cast<std::size_t>(w.num_articulated_frames), 0.0);
   for (const Joint& joint : w.joints) {
     if (joint.v_index >= w.nv_articulated) break;
@@ -68,20 +75,40 @@ bool FrameMotions::may_be_fast(const ConstVectorRef& v) {
     speed_[f] = speed_[static_cast<std::size_t>(joint.parent)] + slides + (turns > 0.0 ? turns * reach_[f] : 0.0);
     if (!(speed_[f] <= fast_)) return true;
   }
-  const double limit = 0.5 * fast_ * fast_;  // (x + y)^2 <= 2 (x^2 + y^2)
-  std::size_t frame = speed_.size();
-  for (const FreeBody& body : w.free_bodies) {
-    const double reach = reach_[frame++];
-    const double square = v.segment<3>(body.v).squaredNorm() + reach * reach * v.segment<3>(body.v + 3).squaredNorm();
-    if (!(square <= limit)) return true;
+  double most = 0.0;
+  const double* x = v.data() + w.nv_articulated;  // free bodies come last, six velocities each
+  for (const double square : free_square_) {
+    const double bound = x[0] * x[0] + x[1] * x[1] + x[2] * x[2] + square * (x[3] * x[3] + x[4] * x[4] + x[5] * x[5]);
+    most = bound > most ? bound : most;
+    x += 6;
+  }
+  return most > kFree * fast_ * fast_;
+}
+
+/// Whether a point of some frame's geometries is; twists_: as they are.
+bool FrameMotions::is_fast(const Dynamics& dynamics) const {
+  if (dynamics.num_free_bodies() > 0) return true;  // looked at already, or few enough
+  for (std::size_t f = 1; f < twists_.size(); ++f) {
+    const Twist& twist = twists_[f];
+    if (twist.at(dynamics.frames()[f].translation).norm() + twist.angular.norm() * own_[f] > fast_) return true;
   }
   return false;
 }
 
+void FrameMotions::keep(const ConstVectorRef& v) {
+  if (slow_now_)
+    slow_ = v;
+  else
+    slow_.resize(0);
+}
+
 bool FrameMotions::find(const Dynamics& dynamics, const ConstVectorRef& v) {
-  if (!may_be_fast(v)) return false;
+  if (slow_.size() == v.size() && std::equal(v.data(), v.data() + v.size(), slow_.data())) return false;
+  slow_now_ = !may_be_fast(v);
+  if (slow_now_) return false;
   const World::Impl& w = world_.impl();
   dynamics.twists(v, twists_);
+  if (!is_fast(dynamics)) return false;
   list_.resize(twists_.size());
   for (std::size_t f = 1; f < list_.size(); ++f) {
     const Placement& place = dynamics.frames()[f];

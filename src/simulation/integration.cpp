@@ -25,12 +25,23 @@ void turn(VectorRef q, Index at, const Eigen::Quaterniond& by) {
   q[at] = rotation.x(), q[at + 1] = rotation.y(), q[at + 2] = rotation.z(), q[at + 3] = rotation.w();
 }
 
-/// The turn of the midpoint rule, and the angular velocity after it: w = (w0 + w1) / 2 with w1 = I^-1 exp(-dt w) I w0
-/// keeps energy to O(dt^3) and angular momentum exactly (S5). share: of the turn that it takes.
+/// The mean angular velocity w = (w0 + w1) / 2 of the midpoint rule, w1 = I^-1 exp(-dt w) I w0: keeps energy to O(dt^3)
+/// and angular momentum I w0 exactly (S5).
+inline Vector3 midpoint(const FreeBody& body, double dt, const Vector3& angular, const Vector3& momentum) {
+  Vector3 mean = angular;
+  for (int k = 0; k < 3; ++k) {
+    const Vector3 next = body.inverse_inertia * (turn_by(-dt * mean) * momentum);
+    mean = 0.5 * (angular + next);
+  }
+  return mean;
+}
+
+/// Its turn, and the angular velocity after it. share: of the turn that it takes.
 std::pair<Eigen::Quaterniond, Vector3> midpoint_turn(const FreeBody& body, double dt, const Vector3& angular,
                                                      double share = 1.0) {
-  const Eigen::Quaterniond by = turn_by(share * dt * mean_angular_velocity(body, dt, angular));
-  return {by, body.inverse_inertia * (by.conjugate() * (body.inertia * angular))};
+  const Vector3 momentum = body.inertia * angular;
+  const Eigen::Quaterniond by = turn_by(share * dt * midpoint(body, dt, angular, momentum));
+  return {by, body.inverse_inertia * (by.conjugate() * momentum)};
 }
 
 /// The centre of mass moves straight.
@@ -49,13 +60,7 @@ void advance_free_body(const FreeBody& body, double dt, double share, VectorRef 
 }  // namespace
 
 Vector3 mean_angular_velocity(const FreeBody& body, double dt, const Vector3& angular) {
-  const Vector3 momentum = body.inertia * angular;
-  Vector3 mean = angular;
-  for (int k = 0; k < 3; ++k) {
-    const Vector3 next = body.inverse_inertia * (turn_by(-dt * mean) * momentum);
-    mean = 0.5 * (angular + next);
-  }
-  return mean;
+  return midpoint(body, dt, angular, body.inertia * angular);
 }
 
 void advance(const World& world, double dt, VectorRef q, VectorRef v, const std::vector<double>& shares) {

@@ -351,6 +351,7 @@ void Simulator::step() {
   require_finite("v (after the step)", s.free_v);
   s.v = s.free_v;
   advance(*s.world, s.settings.time_step, s.q, s.v, s.detector.shares());
+  s.motions.keep(s.v);
   s.forces.advance_activation(s.control, s.settings.time_step, s.activation);
   s.time += s.settings.time_step;
 
