@@ -121,7 +121,7 @@ def test_a_ball_that_passes_beside_an_edge_feels_nothing(speed, clearance, phase
     assert (simulator.state.v[3:] == 0.0).all()
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25, deadline=None, derandomize=True)
 @given(
     speed=st.floats(10.0, 100.0),
     height=st.floats(0.12, 0.5),
@@ -140,7 +140,8 @@ def test_a_spinning_box_does_not_get_through_a_thin_plate(speed, height, spin, q
     for _ in range(int(height / speed / 1e-3) + 30):
         simulator.step()
         low = simulator.state.q[2] - np.abs(rotation(simulator.state.q[3:])[2]) @ half - THIN
-        assert low > -2.0 * THIN and simulator.state.q[2] > 0.0  # once slow, what turns sinks in as it always did
+        assert low > -2.0 * THIN  # once slow, what turns sinks in as it always did
+        assert simulator.state.q[2] > 0.0
         # (S5) keeps energy to third order in the turn of a step, which a thin body hit at a corner makes large.
         turned = max(turned, 1e-3 * np.linalg.norm(simulator.state.v[3:]))
         assert turned > 0.3 or total(simulator) < energy * 1.02
