@@ -263,6 +263,7 @@ void Assembler::add_contacts(const std::vector<ContactPoint>& contacts) {
     set.frame_a = geometry_frame_[static_cast<std::size_t>(contact.geometry_a)];
     set.frame_b = geometry_frame_[static_cast<std::size_t>(contact.geometry_b)];
     set.point_a = set.point_b = contact.position;
+    if (contact.swept) set.point_a -= contact.way_a, set.point_b -= contact.way_b;
     set.gap = contact.distance;
     set_spring(set, contact.distance, set.material.stiffness / contact.patch_size,
                set.material.damping / contact.patch_size, true);

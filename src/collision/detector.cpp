@@ -10,6 +10,7 @@
 #include "broad_phase.hpp"
 #include "narrow_phase.hpp"
 #include "signorini/errors.hpp"
+#include "sweep.hpp"
 
 namespace signorini {
 namespace {
@@ -18,6 +19,9 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // A list with fewer pairs a geometry than this is looked through one by one, however many geometries there are.
 constexpr double kSkin = 0.3;  // how far a box may move before the candidates are listed again, of the median radius
 constexpr std::size_t kFewPairs = 8;
+constexpr double kTouches = 1e-6;   // [m] what is nearer is not swept: its contact acts already
+constexpr double kHugs = 5e-7;      // [m] what touches may sink in by so much more before it meets again
+constexpr double kSameTime = 1e-9;  // of the step: meetings nearer in time than this are one
 constexpr char kMagic[] = "signorini detector 1";
 
 std::string number(double value) {
@@ -30,6 +34,12 @@ std::string number(double value) {
 struct NearPair {
   int a, b;
   PairMemory memory;
+};
+
+/// A pair that meets in this step.
+struct Hit {
+  int a, b;
+  Meeting meeting;
 };
 
 /// Where a point lay on each of its geometries, in their own frames.
@@ -113,6 +123,8 @@ void check_pairs(const std::vector<CollisionGeometry>& geometries, const std::ve
 void DetectorSettings::validate() const {
   if (!(margin >= 0.0 && margin <= 1e3))
     throw InvalidInput("margin", "is " + number(margin) + ", must be in [0, 1e3] m");
+  if (!(sweep_from >= 0.0 && sweep_from <= 1e3))
+    throw InvalidInput("sweep_from", "is " + number(sweep_from) + ", must be in [0, 1e3] m");
   if (!(match_distance >= 0.0 && match_distance <= 1e3))
     throw InvalidInput("match_distance", "is " + number(match_distance) + ", must be in [0, 1e3] m");
   if (tree_from < 0) throw InvalidInput("tree_from", "is " + std::to_string(tree_from) + ", must be at least 0");
@@ -135,6 +147,15 @@ struct Detector::Impl {
   std::vector<Placement> placements;
   std::vector<Bounds> bounds;
   std::vector<std::pair<int, int>> near;
+
+  // Of a step with fast geometries: what sweeps are made with
+  const std::vector<FrameMotion>* motions = nullptr;
+  double duration = 0.0;
+  std::vector<double> travel;  // how far a geometry's points go at most [m]; empty: nothing is fast
+  std::vector<Bounds> swept;   // bounds over the whole step
+  std::vector<Hit> hits;
+  std::vector<double> first_hit;  // by frame
+  std::vector<double> shares;     // likewise; see Detector::shares()
 
   NarrowPhase narrow_phase;
 
@@ -214,9 +235,76 @@ struct Detector::Impl {
         if (are_near(pair.first, pair.second)) near.push_back(pair);
       return;
     }
-    if (!within_old_bounds()) list_candidates();
+    if (!within_old_bounds()) list_candidates(bounds);
     for (const auto& pair : candidates)
       if (are_near(pair.first, pair.second)) near.push_back(pair);
+  }
+
+  /// The same, and the fast pairs that may come near during the step.
+  void find_pairs_of_fast_step() {
+    near.clear();
+    const auto look = [this](const std::pair<int, int>& pair) {
+      if (are_near(pair.first, pair.second) || (is_fast(pair.first, pair.second) && may_meet(pair.first, pair.second)))
+        near.push_back(pair);
+    };
+    if (!use_tree) {
+      for (const auto& pair : listed) look(pair);
+      return;
+    }
+    list_candidates(swept);
+    for (const auto& pair : candidates) look(pair);
+    old_bounds.clear();  // these candidates are of this step alone
+  }
+
+  bool is_fast(int a, int b) const { return travel[a] + travel[b] > settings.sweep_from; }
+
+  bool may_meet(int a, int b) const {
+    const Bounds &p = swept[a], &q = swept[b];
+    const auto comes_down = [this](int half_space, const Bounds& bound) {
+      const Vector3 normal = placements[half_space].rotation.col(2);
+      const Vector3 middle = 0.5 * (bound.lower + bound.upper), half = 0.5 * (bound.upper - bound.lower);
+      return normal.dot(middle - placements[half_space].translation) - normal.cwiseAbs().dot(half) <= settings.margin;
+    };
+    if (solids[a].type == ShapeType::HalfSpace) return comes_down(a, q);
+    if (solids[b].type == ShapeType::HalfSpace) return comes_down(b, p);
+    return ((p.lower - q.upper).array() <= settings.margin).all() &&
+           ((q.lower - p.upper).array() <= settings.margin).all();
+  }
+
+  FrameMotion motion(int geometry) const {
+    const auto frame = static_cast<std::size_t>(geometries[geometry].frame);
+    return frame == 0 || frame >= motions->size() ? FrameMotion() : (*motions)[frame];
+  }
+  Moving moving(int geometry) const { return {solids[geometry], placements[geometry], motion(geometry)}; }
+
+  /// How far geometries go, and their bounds on the way; false if no pair can be fast. After place().
+  bool set_motions(const std::vector<FrameMotion>& its_motions, double its_duration) {
+    motions = &its_motions, duration = its_duration;
+    travel.assign(geometries.size(), 0.0);
+    double most = 0.0;
+    for (std::size_t k = 0; k < geometries.size(); ++k) {
+      if (geometries[k].frame == 0 || !std::isfinite(bounds[k].radius)) continue;
+      const Moving its = moving(static_cast<int>(k));
+      const double way = duration * (its.motion.velocity.norm() + its.motion.angular.norm() * its.arm());
+      if (!std::isfinite(way)) continue;
+      travel[k] = way;
+      most = std::max(most, way);
+    }
+    if (2.0 * most <= settings.sweep_from) {
+      travel.clear();
+      return false;
+    }
+    swept = bounds;
+    for (std::size_t k = 0; k < geometries.size(); ++k) {
+      if (travel[k] == 0.0) continue;
+      const FrameMotion its = motion(static_cast<int>(k));
+      const double arm = moving(static_cast<int>(k)).arm();
+      const double turn = std::min(2.0, duration * its.angular.norm()) * arm;
+      const Vector3 way = duration * its.velocity;
+      swept[k].lower += way.cwiseMin(0.0) - Vector3::Constant(turn);
+      swept[k].upper += way.cwiseMax(0.0) + Vector3::Constant(turn);
+    }
+    return true;
   }
 
   /// Every box lies in the one that the candidates were listed with, widened by the skin.
@@ -232,25 +320,29 @@ struct Detector::Impl {
   }
 
   /// All pairs that can come near before a box leaves its old one by more than the skin.
-  void list_candidates() {
-    old_bounds = bounds;
+  void list_candidates(const std::vector<Bounds>& now) {
+    old_bounds = now;
     candidates.clear();
     for (const int h : half_spaces)
       for (const int k : bounded) {
         const auto [a, b] = std::minmax(h, k);
         if (rule.allows(a, b)) candidates.emplace_back(a, b);
       }
-    tree.find_pairs(bounds, bounded, settings.margin + 2.0 * skin, [this](int a, int b) {
+    tree.find_pairs(now, bounded, settings.margin + 2.0 * skin, [this](int a, int b) {
       if (rule.allows(a, b)) candidates.emplace_back(a, b);
     });
     std::sort(candidates.begin(), candidates.end());
   }
 
-  void detect(const std::vector<Placement>& frames) {
+  void detect(const std::vector<Placement>& frames, const std::vector<FrameMotion>* its_motions = nullptr,
+              double its_duration = 0.0) {
     std::swap(points, old_points), std::swap(locals, old_locals), std::swap(pairs, old_pairs);
-    points.clear(), locals.clear(), pairs.clear();
+    points.clear(), locals.clear(), pairs.clear(), travel.clear(), shares.clear();
     place(frames);
-    find_near_pairs();
+    if (its_motions && set_motions(*its_motions, its_duration))
+      find_pairs_of_fast_step();
+    else
+      find_near_pairs();
     auto old_pair = old_pairs.cbegin();
     int old_point = 0;
     Manifold manifold;
@@ -260,8 +352,138 @@ struct Detector::Impl {
       pairs.push_back({a, b, known ? old_pair->memory : PairMemory()});
       narrow_phase.collide(solids[a], placements[a], solids[b], placements[b], settings.margin, pairs.back().memory,
                            manifold);
-      if (manifold.count > 0) append(a, b, manifold, old_point);
+      if (manifold.count == 0) continue;
+      if (!travel.empty() && must_sweep(a, b) && nearest(manifold) > kTouches) continue;
+      append(a, b, manifold, old_point);
     }
+    if (!travel.empty()) add_first_meetings(false, 0.0, false);
+  }
+
+  static double nearest(const Manifold& manifold) {
+    double least = kInfinity;
+    for (int k = 0; k < manifold.count; ++k) least = std::min(least, manifold.points[k].gap);
+    return least;
+  }
+
+  bool must_sweep(int a, int b) const {
+    return is_fast(a, b) && closing_speed(moving(a), moving(b), duration) * duration > settings.sweep_from;
+  }
+
+  /// How many points of a pair there are, and where in the list, or where they would be.
+  std::pair<int, int> find_points(int a, int b) const {
+    const auto before = [](const ContactPoint& p, const std::pair<int, int>& pair) {
+      return std::make_pair(p.geometry_a, p.geometry_b) < pair;
+    };
+    auto it = std::lower_bound(points.begin(), points.end(), std::make_pair(a, b), before);
+    const int at = static_cast<int>(it - points.begin());
+    int count = 0;
+    for (; it != points.end() && it->geometry_a == a && it->geometry_b == b; ++it) ++count;
+    return {count, at};
+  }
+
+  /// Sweeps the fast pairs of `near` and adds the points where they meet; of each frame's meetings the first, or all.
+  /// again: after a motion that obeys the points there are; pairs that have some may meet elsewhere.
+  /// Where that is of no use: holds the frames back. add: false: in any case.
+  bool add_first_meetings(bool all, double touching, bool again, bool add = true) {
+    shares.clear();
+    hits.clear();
+    for (const auto& [a, b] : near) {
+      if (!must_sweep(a, b)) continue;
+      const int known = find_points(a, b).first;
+      if (known > 0 && !(again && may_meet_again(a, b))) continue;
+      Hit hit{a, b, {}};
+      if (find_meeting(narrow_phase, moving(a), moving(b), duration, settings.margin, known > 0 ? kHugs : -touching,
+                       hit.meeting))
+        hits.push_back(hit);
+    }
+    if (hits.empty()) return false;
+    first_hit.assign(motions->size(), kInfinity);
+    const auto frames_of = [this](const Hit& hit) {
+      return std::array<std::size_t, 2>{static_cast<std::size_t>(geometries[hit.a].frame),
+                                        static_cast<std::size_t>(geometries[hit.b].frame)};
+    };
+    for (const Hit& hit : hits)
+      for (const std::size_t frame : frames_of(hit))
+        if (frame > 0) first_hit[frame] = std::min(first_hit[frame], hit.meeting.time);
+    bool any = false;
+    for (const Hit& hit : hits) {
+      bool first = true;
+      for (const std::size_t frame : frames_of(hit))
+        first = first && (frame == 0 || hit.meeting.time <= first_hit[frame] + kSameTime * duration);
+      if (!first && !all) continue;
+      if (add && insert(hit, touching)) {
+        any = true;
+        continue;
+      }
+      if (shares.empty()) shares.assign(motions->size(), 1.0);
+      for (const std::size_t frame : frames_of(hit))
+        shares[frame] = std::min(shares[frame], std::max(0.0, hit.meeting.time / duration));
+    }
+    return any;
+  }
+
+  /// A plane keeps apart what is convex and goes straight, but height fields have many, and what turns goes along arcs.
+  bool may_meet_again(int a, int b) const {
+    if (solids[a].type == ShapeType::HeightField || solids[b].type == ShapeType::HeightField) return true;
+    const auto bends = [this](int geometry) {
+      const Moving its = moving(geometry);
+      return 0.5 * duration * duration * its.motion.angular.squaredNorm() * its.arm();
+    };
+    return bends(a) + bends(b) > kHugs;
+  }
+
+  /// Adds the points of a meeting at their place in the list; false if none would change the motion.
+  bool insert(const Hit& hit, double touching) {
+    const auto [known, at] = find_points(hit.a, hit.b);
+    const Moving a = moving(hit.a), b = moving(hit.b);
+    const double time = hit.meeting.time;
+    Manifold manifold;
+    bool useful = false;  // the motion violates it
+    const auto velocity_now = [time](const FrameMotion& motion, const Vector3& point) -> Vector3 {
+      return motion.velocity + motion.start.cross(point - motion.centre - time * motion.velocity);
+    };
+    for (int k = 0; k < hit.meeting.manifold.count && known + manifold.count < Manifold::kMost; ++k) {
+      SurfacePair point = hit.meeting.manifold.points[k];
+      const double rate = point.normal.dot(b.velocity(point.on_b, time) - a.velocity(point.on_a, time));
+      const double now = point.normal.dot(velocity_now(b.motion, point.on_b) - velocity_now(a.motion, point.on_a));
+      // What the motion leads to if they went on through each other, and from there back to the start: gap - time *
+      // rate where nothing turns. Never less than 0, so that what holds them apart gives no energy.
+      point.gap = std::max(0.0, point.gap) + (duration - time) * rate - duration * now;
+      point.gap = std::max(0.0, point.gap);
+      useful = useful || point.gap + duration * now < 0.0;
+      manifold.add(point);
+    }
+    if (!useful && touching == 0.0) return false;
+    if (manifold.count == 0) return false;
+    const auto before = [](const ContactPoint& p, const Hit& other) {
+      return std::make_pair(p.geometry_a, p.geometry_b) < std::make_pair(other.a, other.b);
+    };
+    int old_point = known > 0 ? static_cast<int>(old_points.size())  // each old point is continued once
+                              : static_cast<int>(std::lower_bound(old_points.begin(), old_points.end(), hit, before) -
+                                                 old_points.begin());
+    const auto size = static_cast<std::ptrdiff_t>(points.size());
+    const std::ptrdiff_t to = at + known;
+    const Placement places[2] = {placements[hit.a], placements[hit.b]};
+    placements[hit.a] = a.at(time), placements[hit.b] = b.at(time);
+    append(hit.a, hit.b, manifold, old_point);
+    placements[hit.a] = places[0], placements[hit.b] = places[1];
+    for (std::ptrdiff_t k = size; k < static_cast<std::ptrdiff_t>(points.size()); ++k) {
+      points[k].swept = true;
+      points[k].way_a = time * a.motion.velocity, points[k].way_b = time * b.motion.velocity;
+      points[k].patch_size += known;
+    }
+    for (int k = 0; k < known; ++k) points[at + k].patch_size += manifold.count;
+    std::rotate(points.begin() + to, points.begin() + size, points.end());
+    std::rotate(locals.begin() + to, locals.begin() + size, locals.end());
+    return true;
+  }
+
+  bool add_meetings(const std::vector<FrameMotion>& its_motions, double its_duration, bool all, double touching,
+                    bool add = true) {
+    shares.clear();
+    if (!set_motions(its_motions, its_duration)) return false;
+    find_pairs_of_fast_step();
+    return add_first_meetings(all, touching, true, add);
   }
 
   /// Adds a pair's points, each with the old point of the pair that it continues. `old_point` walks along the old list.
@@ -348,6 +570,22 @@ const std::vector<ContactPoint>& Detector::detect(const std::vector<Placement>& 
   impl_->detect(frames);
   return impl_->points;
 }
+
+const std::vector<ContactPoint>& Detector::detect(const std::vector<Placement>& frames,
+                                                  const std::vector<FrameMotion>& motions, double duration) {
+  impl_->detect(frames, &motions, duration);
+  return impl_->points;
+}
+
+bool Detector::add_meetings(const std::vector<FrameMotion>& motions, double duration, bool all, double touching) {
+  return impl_->add_meetings(motions, duration, all, touching);
+}
+
+void Detector::hold_back(const std::vector<FrameMotion>& motions, double duration) {
+  impl_->add_meetings(motions, duration, false, 0.0, false);
+}
+
+const std::vector<double>& Detector::shares() const { return impl_->shares; }
 
 const std::vector<ContactPoint>& Detector::points() const { return impl_->points; }
 

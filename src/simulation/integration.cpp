@@ -25,26 +25,32 @@ void turn(VectorRef q, Index at, const Eigen::Quaterniond& by) {
   q[at] = rotation.x(), q[at + 1] = rotation.y(), q[at + 2] = rotation.z(), q[at + 3] = rotation.w();
 }
 
-/// The turn of the midpoint rule, and the angular velocity after it: w = (w0 + w1) / 2 with w1 = I^-1 exp(-dt w) I w0
-/// keeps energy to O(dt^3) and angular momentum exactly (S5).
-std::pair<Eigen::Quaterniond, Vector3> midpoint_turn(const FreeBody& body, double dt, const Vector3& angular) {
-  const Vector3 momentum = body.inertia * angular;
+/// The mean angular velocity w = (w0 + w1) / 2 of the midpoint rule, w1 = I^-1 exp(-dt w) I w0: keeps energy to O(dt^3)
+/// and angular momentum I w0 exactly (S5).
+inline Vector3 midpoint(const FreeBody& body, double dt, const Vector3& angular, const Vector3& momentum) {
   Vector3 mean = angular;
   for (int k = 0; k < 3; ++k) {
     const Vector3 next = body.inverse_inertia * (turn_by(-dt * mean) * momentum);
     mean = 0.5 * (angular + next);
   }
-  const Eigen::Quaterniond by = turn_by(dt * mean);
+  return mean;
+}
+
+/// Its turn, and the angular velocity after it. share: of the turn that it takes.
+std::pair<Eigen::Quaterniond, Vector3> midpoint_turn(const FreeBody& body, double dt, const Vector3& angular,
+                                                     double share = 1.0) {
+  const Vector3 momentum = body.inertia * angular;
+  const Eigen::Quaterniond by = turn_by(share * dt * midpoint(body, dt, angular, momentum));
   return {by, body.inverse_inertia * (by.conjugate() * momentum)};
 }
 
 /// The centre of mass moves straight.
-void advance_free_body(const FreeBody& body, double dt, VectorRef q, VectorRef v) {
+void advance_free_body(const FreeBody& body, double dt, double share, VectorRef q, VectorRef v) {
   const Vector3 linear = v.segment<3>(body.v), angular = v.segment<3>(body.v + 3);
-  const auto [by, next] = midpoint_turn(body, dt, angular);
+  const auto [by, next] = midpoint_turn(body, dt, angular, share);
   const Vector3 center_velocity = linear + angular.cross(body.center);
   const Eigen::Quaterniond rotation(q[body.q + 6], q[body.q + 3], q[body.q + 4], q[body.q + 5]);
-  const Vector3 moved = dt * center_velocity + body.center - by * body.center;
+  const Vector3 moved = share * dt * center_velocity + body.center - by * body.center;
   q.segment<3>(body.q) += rotation * moved;
   turn(q, body.q + 3, by);
   v.segment<3>(body.v + 3) = next;
@@ -53,7 +59,11 @@ void advance_free_body(const FreeBody& body, double dt, VectorRef q, VectorRef v
 
 }  // namespace
 
-void advance(const World& world, double dt, VectorRef q, VectorRef v) {
+Vector3 mean_angular_velocity(const FreeBody& body, double dt, const Vector3& angular) {
+  return midpoint(body, dt, angular, body.inertia * angular);
+}
+
+void advance(const World& world, double dt, VectorRef q, VectorRef v, const std::vector<double>& shares) {
   const World::Impl& w = world.impl();
   for (const Joint& joint : w.joints) {
     const Index iq = joint.q_index, iv = joint.v_index;
@@ -70,7 +80,8 @@ void advance(const World& world, double dt, VectorRef q, VectorRef v) {
       v.segment<3>(iv) = by.conjugate() * linear;
     }
   }
-  for (const FreeBody& body : w.free_bodies) advance_free_body(body, dt, q, v);
+  std::size_t frame = shares.size() - w.free_bodies.size();
+  for (const FreeBody& body : w.free_bodies) advance_free_body(body, dt, shares.empty() ? 1.0 : shares[frame++], q, v);
 }
 
 bool turn_back(const World& world, double dt, VectorRef v) {

@@ -7,6 +7,7 @@
 #include "closest_motion.hpp"
 #include "contact_report.hpp"
 #include "forces.hpp"
+#include "frame_motions.hpp"
 #include "integration.hpp"
 #include "require.hpp"
 #include "world_collision.hpp"
@@ -16,6 +17,7 @@ namespace {
 
 constexpr double kSlowest = 1e-6;  // [m/s] speeds are never judged against less: rounding is no motion
 constexpr int kRounds = 8;         // until bounces and limits are consistent
+constexpr double kReaches = 1e-6;  // [m] the wanted motion of a fast body that ends so near to a surface meets it
 
 void require_size(const char* field, Index size, Index wanted, bool may_be_empty = false) {
   if (size == wanted || (may_be_empty && size == 0)) return;
@@ -32,6 +34,7 @@ struct InverseDynamics::Impl {
         dynamics(world),
         forces(*world),
         detector(collision_geometries(*world), collision_filter(*world), detector_settings(s)),
+        motions(*world, s.time_step, detector_settings(s).sweep_from),
         assembler(world, correction_settings(s)),
         wrenches(static_cast<std::size_t>(world->num_frames())) {
     const Index nv = world->num_v();
@@ -43,6 +46,7 @@ struct InverseDynamics::Impl {
 
   const InverseDynamicsResult& solve(const Input& input);
   void forget();
+  void find_contacts(const Input& input);
   void check(const Input& input) const;
   void start(const Input& input, const Vector* reach);
   void restart(const Input& input);
@@ -65,12 +69,14 @@ struct InverseDynamics::Impl {
   Dynamics dynamics;
   Forces forces;
   Detector detector;
+  FrameMotions motions;
   std::vector<ContactPoint> points;
   Assembler assembler;
   std::vector<Wrench> wrenches;  // of the constraints, by frame
 
   Vector q, u;         // u: the velocity wanted, in the frames of the step
   Vector detected_at;  // where `points` were found, as given; empty: they were given too
+  bool swept = false;  // `points` are also of how the last motion went
   Vector acceleration, other, implicit, joint_force;
   Vector drive;                  // what the actuators are driven by
   GrowVector compliance, guess;  // of all rows
@@ -146,7 +152,24 @@ void InverseDynamics::set_configuration(const ConstVectorRef& q) {
   set_configuration(q, {});
   s.detector.reset();  // what it found before must not show
   s.points = s.detector.detect(s.dynamics.frames());
+  s.swept = false;
   s.detected_at = q;
+}
+
+/// Contacts of a motion with fast bodies, as a step has them: what they meet as they go now, and as they shall go.
+void InverseDynamics::Impl::find_contacts(const Input& input) {
+  if (detected_at.size() == 0) return;
+  const double dt = settings.time_step;
+  const bool now = motions.find(dynamics, input.v);
+  if (!now && !swept && !motions.find(dynamics, u)) return;
+  detector.reset();
+  swept = now;
+  if (now)
+    detector.detect(dynamics.frames(), motions.list(), dt);
+  else
+    detector.detect(dynamics.frames());
+  if (motions.find(dynamics, u)) swept = detector.add_meetings(motions.list(), dt, true, kReaches) || swept;
+  points = detector.points();
 }
 
 void InverseDynamics::Impl::check(const Input& input) const {
@@ -160,7 +183,6 @@ void InverseDynamics::Impl::check(const Input& input) const {
   if (input.external_wrench.size() > 0) require_size("external_wrench: a column", input.external_wrench.rows(), 6);
   if (input.simulator && input.simulator->world_ptr() != world)
     throw InvalidInput("impulse_guess", "is a simulator of another world");
-  require_size("impulse_guess", input.impulse_guess.size(), 3 * static_cast<Index>(points.size()), true);
   require_size("actuated", static_cast<Index>(input.actuated.size()), nv, true);
   require_finite("v", input.v);
   require_finite("v_next", input.v_next);
@@ -268,6 +290,8 @@ const InverseDynamicsResult& InverseDynamics::Impl::solve(const Input& input) {
   u = input.v_next;
   if (!turn_back(*world, dt, u)) throw InvalidInput("v_next", "turns a free body by more than about 1 rad in one step");
   dynamics.update_velocities(input.v);
+  find_contacts(input);
+  require_size("impulse_guess", input.impulse_guess.size(), 3 * static_cast<Index>(points.size()), true);
   other.setZero();
   implicit.setZero();
   if (input.control.size() > 0) forces.set_input(input.control, input.control, drive);

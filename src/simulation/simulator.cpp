@@ -8,6 +8,7 @@
 
 #include "contact_report.hpp"
 #include "forces.hpp"
+#include "frame_motions.hpp"
 #include "integration.hpp"
 #include "require.hpp"
 #include "world_collision.hpp"
@@ -19,6 +20,7 @@ namespace {
 // not.
 constexpr double kLoadStep = 1.5;
 constexpr int kLoadRounds = 50;
+constexpr int kMostMeetings = 10;  // rounds of sweeps for fast bodies; in the last one all that meets counts
 
 // Bytes of save(): a tag, then values one after the other.
 constexpr char kTag[] = "signorini state 3";
@@ -124,6 +126,7 @@ struct Simulator::Impl {
         dynamics(world),
         forces(*world),
         detector(collision_geometries(*world), collision_filter(*world), detector_settings(s)),
+        motions(*world, s.time_step, detector_settings(s).sweep_from),
         assembler(world, correction_settings(s)) {
     const Index nv = world->num_v();
     q = world->initial_q();
@@ -139,6 +142,8 @@ struct Simulator::Impl {
     equality_guess = Vector::Zero(num_equality_rows);
   }
 
+  void find_contacts();
+  bool find_meetings(int round);
   void make_guess();
   void solve_contacts();
   void solve_selected();
@@ -149,6 +154,7 @@ struct Simulator::Impl {
   Dynamics dynamics;
   Forces forces;
   Detector detector;
+  FrameMotions motions;
   Assembler assembler;
   Workspace workspace;
   Solution solution;
@@ -322,6 +328,22 @@ void Simulator::Impl::solve_contacts() {
   } while (assembler.select_violated(impulse, law, sigma));
 }
 
+/// Near ones, and those that fast bodies will meet if they go on as they do.
+void Simulator::Impl::find_contacts() {
+  if (motions.find(dynamics, v))
+    detector.detect(dynamics.frames(), motions.list(), settings.time_step);
+  else
+    detector.detect(dynamics.frames());
+}
+
+/// Adds what the velocity just found would run into; false if there is nothing.
+bool Simulator::Impl::find_meetings(int round) {
+  if (!motions.find(dynamics, assembler.velocity())) return false;
+  if (round <= kMostMeetings) return detector.add_meetings(motions.list(), settings.time_step, round == kMostMeetings);
+  detector.hold_back(motions.list(), settings.time_step);
+  return false;
+}
+
 void Simulator::step() {
   Impl& s = *impl_;
   require_finite("q", s.q);
@@ -346,18 +368,23 @@ void Simulator::step() {
   s.dynamics.solve(s.free_v);
   s.free_v += s.v;
 
-  // Contacts, the problem, its solution.
-  const std::vector<ContactPoint>& points = s.detector.detect(s.dynamics.frames());
-  s.assembler.assemble(s.dynamics, s.q, s.v, s.free_v, points);
-  s.make_guess();
-  s.solve_contacts();
+  // Contacts, the problem, its solution; again with those that a fast body meets on the way it would take now.
+  s.find_contacts();
+  const std::vector<ContactPoint>& points = s.detector.points();
+  int round = 0;
+  do {
+    s.assembler.assemble(s.dynamics, s.q, s.v, s.free_v, points);
+    s.make_guess();
+    s.solve_contacts();
+  } while (s.find_meetings(++round));
   s.keep_impulses();
 
   // Velocity, position.
   s.free_v = s.assembler.velocity();
   require_finite("v (after the step)", s.free_v);
   s.v = s.free_v;
-  advance(*s.world, s.settings.time_step, s.q, s.v);
+  advance(*s.world, s.settings.time_step, s.q, s.v, s.detector.shares());
+  s.motions.keep(s.v);
   s.forces.advance_activation(s.control, s.settings.time_step, s.activation);
   s.time += s.settings.time_step;
 
@@ -367,7 +394,8 @@ void Simulator::step() {
   r.residual = s.solution.residual;
   r.num_contacts = static_cast<Index>(points.size());
   r.deepest_overlap = 0.0;
-  for (const ContactPoint& point : points) r.deepest_overlap = std::max(r.deepest_overlap, -point.distance);
+  for (const ContactPoint& point : points)
+    if (!point.swept) r.deepest_overlap = std::max(r.deepest_overlap, -point.distance);
   r.num_constraints = s.assembler.problem().num_sets();
   ++r.steps;
   if (r.status != Status::Solved) ++r.unsolved;

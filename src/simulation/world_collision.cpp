@@ -50,7 +50,9 @@ CollisionFilter collision_filter(const World& world) {
 
 DetectorSettings detector_settings(const SimulatorSettings& settings) {
   DetectorSettings detector;
-  detector.margin = settings.contact_margin < 0.0 ? 2e-3 + 3.0 * settings.time_step : settings.contact_margin;
+  const double usual = 2e-3 + 3.0 * settings.time_step;
+  detector.margin = settings.contact_margin < 0.0 ? usual : settings.contact_margin;
+  detector.sweep_from = std::max(usual, detector.margin);
   return detector;
 }
 

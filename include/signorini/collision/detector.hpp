@@ -18,13 +18,25 @@ struct CollisionGeometry {
   Placement placement;  ///< of the shape in its frame
 };
 
+/// How a frame moves during a step: one of its points goes straight, the frame turns about it at a constant rate.
+struct FrameMotion {
+  Vector3 centre = Vector3::Zero();    ///< that point at the start; world [m]
+  Vector3 velocity = Vector3::Zero();  ///< of it [m/s]
+  Vector3 angular = Vector3::Zero();   ///< by which the frame turns; world axes [rad/s]
+  Vector3 start = Vector3::Zero();     ///< angular velocity at the start, which is what an impulse changes
+};
+
 /// One point of contact, or of near contact, between two geometries; geometry_a < geometry_b.
 struct ContactPoint {
   int geometry_a = 0, geometry_b = 0;
-  Vector3 position = Vector3::Zero();  ///< world [m], half way between the surfaces
+  Vector3 position = Vector3::Zero();  ///< world [m], half way between the surfaces; of a sweep: where they meet
   Vector3 normal = Vector3::UnitZ();   ///< world, unit, from a to b
   double distance = 0.0;               ///< signed gap along the normal at this point [m], negative in overlap
-  int patch_size = 1;                  ///< points of the same pair in this step, 1 to 4; on a height field to 8
+  bool swept = false;  ///< found by a sweep: the distance is what the motion there may use up along the normal
+  /// Of a sweep: how far the frames' centres go until then [m]. The position less this is a point that moves with the
+  /// frame as it is now.
+  Vector3 way_a = Vector3::Zero(), way_b = Vector3::Zero();
+  int patch_size = 1;  ///< points of the same pair in this step, 1 to 4; on a height field to 8
   /// Index of the same material point in the list of the step before, or -1: what a warm start needs. Each old point
   /// has at most one heir.
   int previous = -1;
@@ -46,12 +58,14 @@ struct CollisionFilter {
 struct DetectorSettings {
   /// Points with distance up to this are reported [m].
   double margin = 0.005;
+  /// Pairs that may come nearer by more than this in one step are swept, where the motions are told [m].
+  double sweep_from = 0.005;
   /// A new point inherits from an old one of its pair that lies within this, in the frame of either geometry [m].
   double match_distance = 0.02;
   /// From so many geometries on a tree finds the near pairs, below that a loop over all pairs. The points are the same.
   int tree_from = 40;
 
-  /// Raises InvalidInput: margin must be in [0, 1e3], match_distance in [0, 1e3], tree_from at least 0.
+  /// Raises InvalidInput: margin, sweep_from and match_distance must be in [0, 1e3], tree_from at least 0.
   void validate() const;
 };
 
@@ -77,6 +91,19 @@ class Detector {
   /// by (geometry_a, geometry_b), so that the same input after the same steps gives the same list. A placement that is
   /// not finite gives no points for its geometries. Never throws, never returns a point that is not finite.
   const std::vector<ContactPoint>& detect(const std::vector<Placement>& frames);
+  /// The same where `motions`, one a frame, are what the frames are about to do for `duration` [s]: of fast pairs that
+  /// do not touch yet there are the points at which they will meet first, if they do, and no others.
+  const std::vector<ContactPoint>& detect(const std::vector<Placement>& frames, const std::vector<FrameMotion>& motions,
+                                          double duration);
+  /// After it: adds where fast pairs meet when the frames move so instead; true if any do. Of the meetings of one frame
+  /// only the first counts, since what comes after it is another motion; all: they all do. Gaps up to `touching` [m] at
+  /// the end of the way are meetings too.
+  bool add_meetings(const std::vector<FrameMotion>& motions, double duration, bool all, double touching = 0.0);
+  /// Adds none, and holds back what meets.
+  void hold_back(const std::vector<FrameMotion>& motions, double duration);
+  /// By frame, the share of the motions last told that it can go before it meets what no point keeps it from (of shapes
+  /// that turn far in a step); empty: all of it.
+  const std::vector<double>& shares() const;
 
   const std::vector<ContactPoint>& points() const;
   /// Forgets the last step: nothing is matched next time.

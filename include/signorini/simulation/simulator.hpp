@@ -16,7 +16,8 @@ struct SimulatorSettings {
   double baumgarte = 0.2;               ///< share of an overlap that a step takes back, in [0, 1]; rigid contact
   double max_correction_speed = 1.0;    ///< of that, and of loops that come apart [m/s, rad/s]
   double restitution_threshold = 0.05;  ///< approach speed below which nothing bounces [m/s]
-  /// Points with a gap up to this are part of the problem [m]; < 0: 2 mm, and 3 m/s times the time step.
+  /// Points with a gap up to this are part of the problem [m]; < 0: 2 mm, and 3 m/s times the time step. What may come
+  /// nearer by more than either in a step is swept.
   double contact_margin = -1.0;
 
   /// Raises InvalidInput naming the field, the value and the allowed range.

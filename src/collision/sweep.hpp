@@ -1,0 +1,39 @@
+#pragma once
+
+#include "narrow_phase.hpp"
+#include "signorini/collision/detector.hpp"
+
+namespace signorini {
+
+/// Where a placement of a frame's geometry has come after `time` of the frame's motion.
+Placement moved(const Placement& place, const FrameMotion& motion, double time);
+
+/// One geometry on its way: where it starts, and how its frame moves.
+struct Moving {
+  const Solid& solid;
+  Placement place;
+  FrameMotion motion;
+
+  /// How far its points are at most from the one that moves straight; of a sphere, whose turn nobody sees, its centre.
+  double arm() const;
+  Placement at(double time) const { return moved(place, motion, time); }
+  Vector3 velocity(const Vector3& point, double time) const {
+    return motion.velocity + motion.angular.cross(point - motion.centre - time * motion.velocity);
+  }
+};
+
+/// [m/s] a and b come together no faster than this while both move for `duration`.
+double closing_speed(const Moving& a, const Moving& b, double duration);
+
+/// When two geometries first meet, and their manifold then (world, at that time).
+struct Meeting {
+  double time = 0.0;
+  Manifold manifold;
+};
+
+/// False if a and b do not meet within `duration`: come as near as -slack [m]; where slack > 0 and they are deeper
+/// already, a little deeper: what touches may go on touching. margin: of the manifold.
+bool find_meeting(NarrowPhase& narrow_phase, const Moving& a, const Moving& b, double duration, double margin,
+                  double slack, Meeting& out);
+
+}  // namespace signorini
