@@ -313,7 +313,7 @@ void Simulator::Impl::solve_contacts() {
   do {
     solve_selected();
     if (law != Law::Ccp) continue;
-    for (int round = 0; assembler.shift_loads(sigma, kLoadStep, impulse, settings.solver.tolerance); ++round) {
+    for (int round = 0; assembler.shift_loads(sigma, impulse, kLoadStep, settings.solver.tolerance); ++round) {
       solve_selected();
       if (round < kLoadRounds) continue;
       solution.status = Status::MaxIterations;
