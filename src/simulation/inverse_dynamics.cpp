@@ -161,6 +161,7 @@ void InverseDynamics::Impl::check(const Input& input) const {
   if (input.simulator && input.simulator->world_ptr() != world)
     throw InvalidInput("impulse_guess", "is a simulator of another world");
   require_size("impulse_guess", input.impulse_guess.size(), 3 * static_cast<Index>(points.size()), true);
+  require_size("moment_guess", input.moment_guess.size(), 3 * static_cast<Index>(points.size()), true);
   require_size("actuated", static_cast<Index>(input.actuated.size()), nv, true);
   require_finite("v", input.v);
   require_finite("v_next", input.v_next);
@@ -168,6 +169,7 @@ void InverseDynamics::Impl::check(const Input& input) const {
   require_finite("external_wrench",
                  Eigen::Map<const Vector>(input.external_wrench.data(), input.external_wrench.size()));
   require_finite("impulse_guess", input.impulse_guess);
+  require_finite("moment_guess", input.moment_guess);
 }
 
 /// The constraints as the motion u meets them; with the limits that a motion `reach` comes near, or null.
@@ -183,6 +185,10 @@ void InverseDynamics::Impl::start(const Input& input, const Vector* reach) {
 void InverseDynamics::Impl::set_guess(const Input& input) {
   guess.setZero(assembler.num_rows());  // contacts come first
   guess.head(input.impulse_guess.size()) = input.impulse_guess;
+  if (input.moment_guess.size() > 0)
+    for (const Assembler::Set& set : assembler.sets())
+      if (set.load_factor > 0.0)
+        set_moment(set, set.frame * input.moment_guess.segment<3>(3 * set.index), guess.data() + set.start);
   if (input.simulator &&
       !assembler.copy_impulses(input.simulator->assembler().sets(), input.simulator->impulse(), guess))
     throw InvalidInput("impulse_guess", "is a simulator whose last step had other contacts than this configuration");

@@ -228,7 +228,7 @@ def test_the_ccp_solves_steps_with_contacts_that_do_not_push():
 
 
 def test_the_certificate_of_a_step_is_no_milder_than_that_of_all_contacts():
-    """A ball that flies off is left out of the problem, fast as it is; its torsion counts in what its speed is worth."""
+    """A ball that flies off is left out of the problem, fast as it is; torsion counts in what its speed is worth."""
     torsion = 1.0
     surface = Material(torsion=torsion)
     builder = WorldBuilder()
@@ -300,6 +300,11 @@ def test_inverse_dynamics_of_a_ball_held_still_gives_no_more_than_friction_can()
     simulator.applied_force[5] = 0.9 * holds
     run(simulator, 100)
     assert np.abs(simulator.state.v).max() < 1e-8
+    before = simulator.state.q.copy(), simulator.state.v.copy()
+    simulator.step()
+    for guess in (simulator, simulator.contacts):
+        result = inverse_dynamics(simulator.world, before, simulator.state.v, DT, impulse_guess=guess)
+        assert result.force == pytest.approx(simulator.applied_force, rel=1e-4, abs=1e-7)
     simulator.applied_force[5] = 1.1 * holds
     run(simulator, 100)
     assert velocity(simulator)[5] == pytest.approx(0.1 * holds / INERTIA * 0.1, rel=1e-4)
