@@ -15,7 +15,8 @@ namespace {
 constexpr double kTouching = 1e-7;
 constexpr double kSamePoint = 1e-5;  // [m] contact points nearer than this are the same, whoever found them
 constexpr double kRounding = 1e-12;  // of an impulse: where loads are all 0, their speeds still change by this share
-constexpr int kCoupledRows = 200;    // up to this many a dense G is as fast as any
+constexpr double kFirstLoadStep = 1.5, kLongestLoadStep = 64.0;
+constexpr int kCoupledRows = 200;  // up to this many a dense G is as fast as any
 
 /// Rotation vector of R, |angle| <= pi.
 Vector3 rotation_vector(const Matrix3& rotation) {
@@ -308,23 +309,30 @@ void Assembler::set_load_speeds() {
     if (is_moment(set)) set_load_speed(set, std::hypot(g_[set.start], g_[set.start + 1]));
 }
 
-bool Assembler::shift_loads(const ConstVectorRef& sigma, const ConstVectorRef& impulse, double step, double tolerance) {
+bool Assembler::shift_loads(const ConstVectorRef& sigma, const ConstVectorRef& impulse, double tolerance, bool first) {
   if (!has_moments_) return false;
-  const auto change = [&](const Set& set) {
-    return std::hypot(sigma[set.start], sigma[set.start + 1]) - set.correction;
-  };
-  double largest = 0.0, scale = 0.0;
-  for (const int i : selection_) {
-    const Set& set = sets_[static_cast<std::size_t>(i)];
+  double largest = 0.0, scale = 0.0, square = 0.0, product = 0.0;
+  const bool known = !first && load_changes_.size() == static_cast<Index>(selection_.size());
+  load_changes_.resize(static_cast<Index>(selection_.size()));
+  for (std::size_t k = 0; k < selection_.size(); ++k) {
+    const Set& set = sets_[static_cast<std::size_t>(selection_[k])];
     if (!is_moment(set)) continue;
-    largest = std::max(largest, std::abs(change(set)) / set.load_weight);
+    double& change = load_changes_[static_cast<Index>(k)];
+    const double last = known ? change : 0.0;
+    change = std::hypot(sigma[set.start], sigma[set.start + 1]) - set.correction;
+    square += last * last, product += last * change;
+    largest = std::max(largest, std::abs(change) / set.load_weight);
     const double stops = std::hypot(g_[set.start], g_[set.start + 1]) / set.load_weight;
     scale = std::max({scale, impulse[set.start + 2], kRounding / tolerance * stops});
   }
   if (!(largest > tolerance * scale)) return false;
-  for (const int i : selection_) {
-    Set& set = sets_[static_cast<std::size_t>(i)];
-    if (is_moment(set)) set_load_speed(set, std::max(0.0, set.correction + step * change(set)));
+  // A change takes half of itself back where a moment acts alone, more where many share a turn: the secant says.
+  const double step = square > product ? load_step_ * square / (square - product) : 0.0;
+  load_step_ = known ? std::clamp(step, 1.0, kLongestLoadStep) : kFirstLoadStep;
+  for (std::size_t k = 0; k < selection_.size(); ++k) {
+    Set& set = sets_[static_cast<std::size_t>(selection_[k])];
+    if (is_moment(set))
+      set_load_speed(set, std::max(0.0, set.correction + load_step_ * load_changes_[static_cast<Index>(k)]));
   }
   return true;
 }

@@ -15,10 +15,7 @@
 namespace signorini {
 namespace {
 
-// Of the CCP, until loads fit: a shift of 1 takes half of itself back where a moment acts alone, less where it does
-// not.
-constexpr double kLoadStep = 1.5;
-constexpr int kLoadRounds = 50;
+constexpr int kLoadRounds = 50;  // of the CCP, until loads fit
 
 // Bytes of save(): a tag, then values one after the other.
 constexpr char kTag[] = "signorini state 3";
@@ -313,7 +310,7 @@ void Simulator::Impl::solve_contacts() {
   do {
     solve_selected();
     if (law != Law::Ccp) continue;
-    for (int round = 0; assembler.shift_loads(sigma, impulse, kLoadStep, settings.solver.tolerance); ++round) {
+    for (int round = 0; assembler.shift_loads(sigma, impulse, settings.solver.tolerance, round == 0); ++round) {
       solve_selected();
       if (round < kLoadRounds) continue;
       solution.status = Status::MaxIterations;

@@ -227,6 +227,20 @@ def test_the_ccp_solves_steps_with_contacts_that_do_not_push():
     run(simulator, 30)
 
 
+def test_the_ccp_finds_loads_that_many_points_share():
+    """Each of 16 points feels what the loads of all make of the common turn."""
+    surface = Material(friction=0.5, torsion=4e-3, rolling=2e-3)
+    builder = WorldBuilder()
+    builder.add_ground(surface)
+    builder.add_body("raft", joints=[Joint("raft", "free")], position=(0, 0, 0.1), mass=MASS, inertia=0.02 * np.eye(3))
+    for k in range(4):
+        builder.add_geometry("raft", Box((0.1, 0.1, 0.1)), material=surface, position=(0.3 * k, 0.0, 0.0))
+    simulator = Simulator(builder.build(), law="ccp", time_step=DT, tolerance=1e-9)
+    run(simulator, 10)
+    simulator.state.v[:] = (1.0, 0.3, 0.0, 0.5, 0.4, 3.0)
+    run(simulator, 100)
+
+
 def test_the_certificate_of_a_step_is_no_milder_than_that_of_all_contacts():
     """A ball that flies off is left out of the problem, fast as it is; torsion counts in what its speed is worth."""
     torsion = 1.0

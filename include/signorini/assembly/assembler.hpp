@@ -87,10 +87,10 @@ class Assembler {
   /// impulse <- the loads of torsion and rolling that belong to its normal impulses (S16).
   void set_loads(VectorRef impulse) const;
   /// For the CCP, which relaxes the law of contacts but not that of moments (S17): g of loads <- the speeds of their
-  /// own rows in g; and for those in problem(), a `step` of the way to the speeds in sigma. False, and nothing changed,
-  /// where they are right, to `tolerance` times the largest load.
+  /// own rows in g; and for those in problem(), towards the speeds in sigma, of the solution with those before (unless
+  /// `first`). False, and nothing changed, where they are right, to `tolerance` times the largest load.
   void set_load_speeds();
-  bool shift_loads(const ConstVectorRef& sigma, const ConstVectorRef& impulse, double step, double tolerance);
+  bool shift_loads(const ConstVectorRef& sigma, const ConstVectorRef& impulse, double tolerance, bool first);
 
   /// Velocities J u of all sets, num_rows() values; without a Jacobian, from the twists of the bodies.
   void velocities(const ConstVectorRef& u, VectorRef out);
@@ -164,6 +164,8 @@ class Assembler {
   std::vector<Set> sets_;
   int rows_ = 0;
   bool has_moments_ = false;
+  double load_step_ = 1.0;
+  GrowVector load_changes_;  // of the last shift, by selected set
   Index nv_articulated_ = 0;
   int words_ = 0;  // of a mask of articulated velocities
   int num_slots_ = 0;
