@@ -489,6 +489,7 @@ void bind_inverse_dynamics(nb::module_& m) {
       .def_rw("control", &Input::control)
       .def_rw("external_wrench", &Input::external_wrench)
       .def_rw("impulse_guess", &Input::impulse_guess)
+      .def_rw("moment_guess", &Input::moment_guess)
       .def_rw("closest", &Input::closest)
       .def_rw("actuated", &Input::actuated);
   nb::class_<InverseDynamicsResult>(m, "InverseDynamicsResult")

@@ -162,7 +162,9 @@ class InverseDynamics:
                 raise InvalidInputError("impulse_guess: is a Simulator that has made no step")
             simulator = impulse_guess._core
         elif impulse_guess is not None:
-            given.impulse_guess = _guess(world, self._core.points(), impulse_guess, self.settings.time_step)
+            given.impulse_guess, given.moment_guess = _guess(
+                world, self._core.points(), impulse_guess, self.settings.time_step
+            )
         has = self._actuated
         if actuated is not None:
             has = np.asarray(actuated)
@@ -313,18 +315,21 @@ def _wrenches(world: World, given: Mapping[str, ArrayLike]) -> Array:
     return all_of_them
 
 
-def _guess(world: World, points: list[Any], given: Any, time_step: float) -> Array:
+def _guess(world: World, points: list[Any], given: Any, time_step: float) -> tuple[Array, Array]:
+    """Impulses of forces and of moments."""
     if isinstance(given, Sequence) and given and all(isinstance(one, Contact) for one in given):
         return _guess_from_contacts(world, points, given, time_step)
     array = np.asarray(given)
     if array.shape == (len(points), 3):
         array = array.ravel()
-    return _arrays.vector("impulse_guess", array, 3 * len(points))
+    return _arrays.vector("impulse_guess", array, 3 * len(points)), np.zeros(0)
 
 
-def _guess_from_contacts(world: World, points: list[Any], given: Sequence[Contact], time_step: float) -> Array:
-    """Impulses of the contacts that are at the same places, in whatever order."""
-    out = np.zeros((len(points), 3))
+def _guess_from_contacts(
+    world: World, points: list[Any], given: Sequence[Contact], time_step: float
+) -> tuple[Array, Array]:
+    """Of the contacts that are at the same places, in whatever order."""
+    out, moments = np.zeros((len(points), 3)), np.zeros((len(points), 3))
     free = set(range(len(points)))
     for i, one in enumerate(given):
         nearest, at = _SAME_POINT, None
@@ -337,12 +342,13 @@ def _guess_from_contacts(world: World, points: list[Any], given: Sequence[Contac
         if at is not None:
             free.remove(at)
             out[at] = time_step * (points[at].frame.T @ one.force)
+            moments[at] = time_step * (points[at].frame.T @ one.frame @ one.moment_local)
         elif np.any(one.force):
             raise InvalidInputError(
                 f"impulse_guess[{i}]: is a contact of {one.geometry_a!r} and {one.geometry_b!r} at {one.position}, "
                 "where this configuration has none"
             )
-    return out.ravel()
+    return out.ravel(), moments.ravel()
 
 
 _SAME_POINT = 1e-5  # [m]

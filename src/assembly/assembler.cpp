@@ -14,7 +14,9 @@ namespace {
 // would make the points of a resting face contradict each other.
 constexpr double kTouching = 1e-7;
 constexpr double kSamePoint = 1e-5;  // [m] contact points nearer than this are the same, whoever found them
-constexpr int kCoupledRows = 200;    // up to this many a dense G is as fast as any
+constexpr double kRounding = 1e-12;  // of an impulse: where loads are all 0, their speeds still change by this share
+constexpr double kFirstLoadStep = 1.5, kLongestLoadStep = 64.0;
+constexpr int kCoupledRows = 200;  // up to this many a dense G is as fast as any
 
 /// Rotation vector of R, |angle| <= pi.
 Vector3 rotation_vector(const Matrix3& rotation) {
@@ -298,24 +300,40 @@ void Assembler::set_loads(VectorRef impulse) const {
       impulse[set.start + 2] = set.load_factor * impulse[sets_[static_cast<std::size_t>(set.index)].start + 2];
 }
 
-bool Assembler::shift_loads(const ConstVectorRef& sigma, double step, const ConstVectorRef& impulse, double tolerance) {
+void Assembler::set_load_speed(Set& set, double speed) {
+  g_[set.start + 2] = set.correction = speed;  // their row of J is 0
+  if (set.offset >= 0) problem_.set_free_velocity(set.offset + 2, speed);
+}
+
+void Assembler::set_load_speeds() {
+  for (Set& set : sets_)
+    if (is_moment(set)) set_load_speed(set, std::hypot(g_[set.start], g_[set.start + 1]));
+}
+
+bool Assembler::shift_loads(const ConstVectorRef& sigma, const ConstVectorRef& impulse, double tolerance, bool first) {
   if (!has_moments_) return false;
-  const auto change = [&](const Set& set) {
-    return std::hypot(sigma[set.start], sigma[set.start + 1]) - set.correction;
-  };
-  double largest = 0.0, load = 0.0;
-  for (const Set& set : sets_) {
+  double largest = 0.0, scale = 0.0, square = 0.0, product = 0.0;
+  const bool known = !first && load_changes_.size() == static_cast<Index>(selection_.size());
+  load_changes_.resize(static_cast<Index>(selection_.size()));
+  for (std::size_t k = 0; k < selection_.size(); ++k) {
+    const Set& set = sets_[static_cast<std::size_t>(selection_[k])];
     if (!is_moment(set)) continue;
-    largest = std::max(largest, std::abs(change(set)) / set.load_weight);
-    if (impulse.size() > 0) load = std::max(load, impulse[set.start + 2]);
+    double& change = load_changes_[static_cast<Index>(k)];
+    const double last = known ? change : 0.0;
+    change = std::hypot(sigma[set.start], sigma[set.start + 1]) - set.correction;
+    square += last * last, product += last * change;
+    largest = std::max(largest, std::abs(change) / set.load_weight);
+    const double stops = std::hypot(g_[set.start], g_[set.start + 1]) / set.load_weight;
+    scale = std::max({scale, impulse[set.start + 2], kRounding / tolerance * stops});
   }
-  if (!(largest > tolerance * load)) return false;
-  for (Set& set : sets_) {
-    if (!is_moment(set)) continue;
-    const double more = std::max(step * change(set), -set.correction);
-    set.correction += more;
-    g_[set.start + 2] += more;
-    if (set.offset >= 0) problem_.set_free_velocity(set.offset + 2, g_[set.start + 2]);
+  if (!(largest > tolerance * scale)) return false;
+  // A change takes half of itself back where a moment acts alone, more where many share a turn: the secant says.
+  const double step = square > product ? load_step_ * square / (square - product) : 0.0;
+  load_step_ = known ? std::clamp(step, 1.0, kLongestLoadStep) : kFirstLoadStep;
+  for (std::size_t k = 0; k < selection_.size(); ++k) {
+    Set& set = sets_[static_cast<std::size_t>(selection_[k])];
+    if (is_moment(set))
+      set_load_speed(set, std::max(0.0, set.correction + load_step_ * load_changes_[static_cast<Index>(k)]));
   }
   return true;
 }
@@ -844,12 +862,17 @@ double Assembler::largest_left_out() {
   }
   if (!farthest) return 0.0;
   build_rows(*farthest);
-  const double trace = farthest->compliance + squares(*farthest);
+  double trace = farthest->compliance + squares(*farthest);
+  for (int k = 0; k < farthest->num_moments; ++k) {
+    Set& moment = sets_[static_cast<std::size_t>(farthest->first_moment + k)];
+    build_rows(moment);
+    trace += moment.load_weight * moment.load_factor * moment.load_factor;
+  }
   return trace > 0.0 ? std::sqrt(square * farthest->rows / trace) : 0.0;
 }
 
 void Assembler::select(const ConstVectorRef& guess, Law law) {
-  if (law == Law::Ccp) shift_loads(g_);
+  if (law == Law::Ccp) set_load_speeds();
   selection_.clear();
   for (std::size_t i = 0; i < sets_.size(); ++i) {
     const Set& set = sets_[i];

@@ -20,6 +20,7 @@ constexpr int kProximalSteps = 50;
 constexpr double kGain = 0.1;
 constexpr int kConvexSteps = 6;
 constexpr double kLeastGain = 1e-3;
+constexpr int kShiftRounds = 50;        // until loads fit, under the CCP
 constexpr double kImpulseShare = 1e-4;  // of the same mean: weight of impulses beside that of motions
 
 double mean_diagonal(const Matrix& g) { return g.rows() > 0 ? g.diagonal().mean() : 1.0; }
@@ -80,6 +81,8 @@ class Search {
     Status status = Status::Invalid;
     Vector change, impulse;
   };
+  void tie_loads();
+  Status solve_for_root(Vector& impulse, const Matrix& delassus, Vector g) const;
   Candidate joints_as_asked() const;
   Candidate torques_as_asked() const;
   Status project_on_allowed(Vector& change) const;
@@ -91,6 +94,7 @@ class Search {
 
   const ClosestProblem& p_;
   Eigen::LLT<Matrix> mass_, unactuated_mass_;
+  Matrix ties_;                        // of loads to normal impulses (S16), a part of every G
   std::vector<std::uint8_t> settled_;  // by set: feels the unactuated velocities
   std::vector<Index> rows_;            // theirs
   ConstraintSets coupled_;
@@ -98,12 +102,55 @@ class Search {
 
 Search::Search(const ClosestProblem& problem) : p_(problem), mass_(problem.mass) {
   unactuated_mass_.compute(Matrix(p_.mass(p_.unactuated, p_.unactuated)));
-  for (const ConstraintSet& set : p_.sets) {
-    const bool feels = !p_.jacobian.middleRows(set.offset, set.size())(Eigen::all, p_.unactuated).isZero(1e-12);
-    settled_.push_back(feels);
-    if (!feels) continue;
+  for (const ConstraintSet& set : p_.sets)
+    settled_.push_back(!p_.jacobian.middleRows(set.offset, set.size())(Eigen::all, p_.unactuated).isZero(1e-12));
+  tie_loads();
+  for (Index i = 0; i < p_.sets.num_sets(); ++i) {
+    const ConstraintSet& set = p_.sets[i];
+    if (!settled_[static_cast<std::size_t>(i)]) continue;
     coupled_.add(set);
     for (Index r = 0; r < set.size(); ++r) rows_.push_back(set.offset + r);
+  }
+}
+
+/// A contact and its moments are settled together, or not.
+void Search::tie_loads() {
+  ties_ = Matrix::Zero(p_.sets.size(), p_.sets.size());
+  const auto settled = [this](Index set) -> std::uint8_t& { return settled_[static_cast<std::size_t>(set)]; };
+  for (const ClosestProblem::Tie& tie : p_.ties) {
+    settled(tie.contact) |= settled(tie.moment);
+    const Index first = p_.sets[tie.moment].offset, load = first + 2, normal = p_.sets[tie.contact].offset + 2;
+    const Matrix j = p_.jacobian.middleRows(first, 2);
+    const Vector own = (j * mass_.solve(j.transpose())).diagonal();
+    const double weight = own.maxCoeff() > 0.0 ? own.maxCoeff() : 1.0;
+    for (Index k = 0; k < 2; ++k)
+      if (own[k] == 0.0) ties_(first + k, first + k) = weight;  // the row of nothing
+    ties_(load, load) = weight;
+    ties_(normal, normal) += weight * tie.factor * tie.factor;
+    ties_(load, normal) = ties_(normal, load) = -weight * tie.factor;
+  }
+  for (const ClosestProblem::Tie& tie : p_.ties) settled(tie.moment) = settled(tie.contact);
+}
+
+/// Impulses of rows_; under the CCP again until loads fit (S17).
+Status Search::solve_for_root(Vector& impulse, const Matrix& delassus, Vector g) const {
+  const Vector compliance = p_.compliance(rows_);
+  std::vector<Index> loads;  // rows of `impulse`
+  if (p_.solver.law == Law::Ccp)
+    for (const ClosestProblem::Tie& tie : p_.ties)
+      if (settled_[static_cast<std::size_t>(tie.moment)])
+        loads.push_back(std::lower_bound(rows_.begin(), rows_.end(), p_.sets[tie.moment].offset) - rows_.begin() + 2);
+  for (int round = 0;; ++round) {
+    const Status status = solve_next_to(impulse, delassus, g, coupled_, compliance, p_.solver, p_.allowed);
+    const Vector sigma = delassus * impulse + g;
+    double largest = 0.0;
+    for (const Index load : loads) {
+      const double change = sigma.segment<2>(load - 2).norm() - g[load];
+      largest = std::max(largest, std::abs(change));
+      g[load] += change;
+    }
+    if (largest <= p_.allowed) return status;
+    if (round == kShiftRounds) return Status::MaxIterations;
   }
 }
 
@@ -168,10 +215,10 @@ Search::Candidate Search::joints_as_asked() const {
     found.change(p_.unactuated) = unactuated_change(found.change, Vector::Zero(p_.guess.size()));
     if (!rows_.empty()) {
       const Matrix j = p_.jacobian(rows_, p_.unactuated);
-      const Matrix delassus = j * unactuated_mass_.solve(j.transpose());
+      const Matrix delassus = j * unactuated_mass_.solve(j.transpose()) + ties_(rows_, rows_);
       const Vector g = p_.velocity(rows_) + p_.jacobian(rows_, Eigen::all) * found.change;
       Vector own = p_.guess(rows_);
-      const Status status = solve_next_to(own, delassus, g, coupled_, p_.compliance(rows_), p_.solver, p_.allowed);
+      const Status status = solve_for_root(own, delassus, g);
       if (status != Status::Solved) found.status = status;
       found.impulse(rows_) = own;
       found.change(p_.unactuated) = unactuated_change(found.change, found.impulse);
@@ -183,15 +230,16 @@ Search::Candidate Search::joints_as_asked() const {
 /// The piece with the contact modes of a candidate; stick: all contacts that push stick. NCP only.
 Piece Search::piece_of(const Candidate& from, bool stick) const {
   const Index nv = p_.mass.rows(), n = p_.sets.size();
-  const Vector sigma = p_.velocity + p_.compliance.cwiseProduct(from.impulse) + p_.jacobian * from.change;
+  const Vector sigma =
+      p_.velocity + p_.compliance.cwiseProduct(from.impulse) + ties_ * from.impulse + p_.jacobian * from.change;
   Piece piece;
   piece.fixed = Vector::Zero(n);
   ConstraintSets& sets = piece.sets;
-  // along^T (c + J change) + soft times the set's last impulse
+  // along^T (c + J change + ties impulse) + soft times the set's last impulse
   const auto motion_row = [&](const Vector& along, Index at, Index size, double soft) {
-    piece.rows.push_back({p_.jacobian.middleRows(at, size).transpose() * along, Vector::Zero(n),
-                          along.dot(p_.velocity.segment(at, size))});
-    piece.rows.back().impulse[at + size - 1] = soft;
+    piece.rows.push_back({p_.jacobian.middleRows(at, size).transpose() * along,
+                          ties_.middleRows(at, size).transpose() * along, along.dot(p_.velocity.segment(at, size))});
+    piece.rows.back().impulse[at + size - 1] += soft;
   };
   const auto impulse_row = [&](Index at, double sign, double constant) {
     piece.rows.push_back({Vector::Zero(nv), sign * Vector::Unit(n, at), constant});
@@ -342,7 +390,8 @@ bool Search::obeys(const Candidate& candidate) const {
   }
   InverseSolution judged;
   judged.impulse = candidate.impulse(rows_);
-  judge_inverse(c(rows_), p_.compliance(rows_), coupled_, p_.solver.law, 1.0, judged);
+  judge_inverse(Vector(c + ties_ * candidate.impulse)(rows_), p_.compliance(rows_), coupled_, p_.solver.law, 1.0,
+                judged);
   return judged.residual <= p_.allowed;
 }
 
@@ -354,7 +403,7 @@ Search::Candidate Search::torques_as_asked() const {
   const Vector free = mass_.solve(lacks);
   Candidate found;
   found.impulse = p_.guess;
-  found.status = solve_next_to(found.impulse, p_.jacobian * back, p_.velocity + p_.jacobian * free, p_.sets,
+  found.status = solve_next_to(found.impulse, p_.jacobian * back + ties_, p_.velocity + p_.jacobian * free, p_.sets,
                                p_.compliance, p_.solver, p_.allowed);
   found.change = free + back * found.impulse;
   return found;

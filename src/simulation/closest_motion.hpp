@@ -12,11 +12,16 @@ namespace signorini {
 /// force is needed where nothing is actuated (docs/simulation.md, S13 to S15):
 ///     U^T M change = J_u^T impulse - missing,   velocities c + J change, impulse obey the law.
 struct ClosestProblem {
+  struct Tie {
+    Index contact, moment;  ///< sets: cones
+    double factor;          ///< load of the moment over the normal impulse of the contact (S16)
+  };
   Matrix mass;                          ///< M^, nv x nv
   Matrix jacobian;                      ///< J, n x nv
   Vector velocity, compliance, guess;   ///< c, R, where to start; n values
   std::vector<std::uint8_t> kinematic;  ///< by set: rigid, and so a limit to motions themselves
   ConstraintSets sets;
+  std::vector<Tie> ties;
   std::vector<Index> unactuated;  ///< velocities
   Vector missing;                 ///< impulse that they lack without contact [N s, N m s]
   Settings solver;                ///< its law too

@@ -53,7 +53,7 @@ struct InverseDynamics::Impl {
   void set_guess(const Input& input);
   void set_speed();
   void find_impulses();
-  void find_with_these_bounds();
+  void find_each();
   void add_up(bool with_impulses);
   void find_bounces();
   void find_impulses_and_bounces(const Input& input);
@@ -190,6 +190,7 @@ void InverseDynamics::Impl::check(const Input& input) const {
   require_finite("external_wrench",
                  Eigen::Map<const Vector>(input.external_wrench.data(), input.external_wrench.size()));
   require_finite("impulse_guess", input.impulse_guess);
+  require_finite("moment_guess", input.moment_guess);
 }
 
 /// The constraints as the motion u meets them; with the limits that a motion `reach` comes near, or null.
@@ -205,9 +206,14 @@ void InverseDynamics::Impl::start(const Input& input, const Vector* reach) {
 void InverseDynamics::Impl::set_guess(const Input& input) {
   guess.setZero(assembler.num_rows());  // contacts come first
   guess.head(input.impulse_guess.size()) = input.impulse_guess;
+  if (input.moment_guess.size() > 0)
+    for (const Assembler::Set& set : assembler.sets())
+      if (set.load_factor > 0.0)
+        set_moment(set, set.frame * input.moment_guess.segment<3>(3 * set.index), guess.data() + set.start);
   if (input.simulator &&
       !assembler.copy_impulses(input.simulator->assembler().sets(), input.simulator->impulse(), guess))
     throw InvalidInput("impulse_guess", "is a simulator whose last step had other contacts than this configuration");
+  assembler.set_loads(guess);
   // The same forces, for another time.
   if (input.simulator) guess *= settings.time_step / input.simulator->settings().time_step;
 }
@@ -225,18 +231,32 @@ void InverseDynamics::Impl::set_speed() {
   }
 }
 
-/// Contacts by themselves, then what their normal impulses allow of torsion and rolling (S16).
+/// Contacts by themselves, then moments: of what does not turn those of the guess, as far as the normal impulses allow
+/// (S16).
 void InverseDynamics::Impl::find_impulses() {
-  find_with_these_bounds();
+  if (inverse.law == Law::Ccp) assembler.set_load_speeds();
+  find_each();
   if (!assembler.has_moments()) return;
-  if (inverse.law == Law::Ccp) assembler.shift_loads(assembler.free_velocity());
-  for (const Assembler::Set& set : assembler.sets())
-    if (set.source == SetSource::Contact) guess.segment<3>(set.start) = solution.impulse.segment<3>(set.start);
-  assembler.set_loads(guess);
-  find_with_these_bounds();
+  for (std::size_t i = 0; i < assembler.sets().size(); ++i) {
+    const Assembler::Set& set = assembler.sets()[i];
+    if (set.load_factor == 0.0 || (!settled.empty() && settled[i])) continue;
+    const auto turns = assembler.free_velocity().segment<2>(set.start);
+    const double load =
+        set.load_factor * solution.impulse[assembler.sets()[static_cast<std::size_t>(set.index)].start + 2];
+    const double fast = turns.norm(), held = guess.segment<2>(set.start).norm();
+    auto own = solution.impulse.segment<3>(set.start);
+    own = guess.segment<3>(set.start);
+    if (fast > inverse.tolerance * speed)
+      own.head<2>() = -load / fast * turns;
+    else if (held > load)
+      own.head<2>() *= load / held;
+    own[2] = load;
+  }
+  judge_inverse(assembler.free_velocity(), compliance, assembler.constraint_sets(), inverse.law, speed, solution);
 }
 
-void InverseDynamics::Impl::find_with_these_bounds() {
+/// Each set by itself.
+void InverseDynamics::Impl::find_each() {
   const ConstraintSets& sets = assembler.constraint_sets();
   const GrowVector& c = assembler.free_velocity();
   if (settled.empty()) {
@@ -292,6 +312,7 @@ const InverseDynamicsResult& InverseDynamics::Impl::solve(const Input& input) {
   dynamics.update_velocities(input.v);
   find_contacts(input);
   require_size("impulse_guess", input.impulse_guess.size(), 3 * static_cast<Index>(points.size()), true);
+  require_size("moment_guess", input.moment_guess.size(), 3 * static_cast<Index>(points.size()), true);
   other.setZero();
   implicit.setZero();
   if (input.control.size() > 0) forces.set_input(input.control, input.control, drive);
@@ -471,9 +492,15 @@ Status InverseDynamics::Impl::move_to_closest(const Input& input) {
   p.compliance = compliance;
   p.guess = guess;
   p.sets = assembler.constraint_sets();
-  for (const Assembler::Set& set : assembler.sets())
-    p.kinematic.push_back(set.compliance == 0.0 && set.source < SetSource::Torsion &&
-                          set.source != SetSource::JointFriction);
+  double fastest = speed;
+  for (std::size_t i = 0; i < assembler.sets().size(); ++i) {
+    const Assembler::Set& set = assembler.sets()[i];
+    const bool moment = set.load_factor > 0.0;
+    p.kinematic.push_back(set.compliance == 0.0 && !moment && set.source != SetSource::JointFriction);
+    if (!moment) continue;
+    p.ties.push_back({set.index, static_cast<Index>(i), set.load_factor});
+    fastest = std::max(fastest, (p.jacobian.middleRows(set.start, 2) * input.v).norm());  // even if asked to stop
+  }
   acceleration = (u - input.v) / settings.time_step;
   add_up(false);
   p.missing = settings.time_step * result.force(p.unactuated);
@@ -481,7 +508,7 @@ Status InverseDynamics::Impl::move_to_closest(const Input& input) {
   p.solver.law = inverse.law;
   p.solver.tolerance = std::min(p.solver.tolerance, inverse.tolerance);
   p.solver.aim = std::min(p.solver.aim, p.solver.tolerance);
-  p.allowed = inverse.tolerance * speed;
+  p.allowed = inverse.tolerance * fastest;
 
   const ClosestMotion found = closest_motion(p);
   u += found.change;

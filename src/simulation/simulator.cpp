@@ -16,10 +16,7 @@
 namespace signorini {
 namespace {
 
-// Of the CCP, until loads fit: a shift of 1 takes half of itself back where a moment acts alone, less where it does
-// not.
-constexpr double kLoadStep = 1.5;
-constexpr int kLoadRounds = 50;
+constexpr int kLoadRounds = 50;    // of the CCP, until loads fit
 constexpr int kMostMeetings = 10;  // rounds of sweeps for fast bodies; in the last one all that meets counts
 
 // Bytes of save(): a tag, then values one after the other.
@@ -319,10 +316,10 @@ void Simulator::Impl::solve_contacts() {
   do {
     solve_selected();
     if (law != Law::Ccp) continue;
-    for (int round = 0; assembler.shift_loads(sigma, kLoadStep, impulse, settings.solver.tolerance); ++round) {
+    for (int round = 0; assembler.shift_loads(sigma, impulse, settings.solver.tolerance, round == 0); ++round) {
       solve_selected();
       if (round < kLoadRounds) continue;
-      solution.status = Status::MaxIterations;
+      if (solution.status == Status::Solved) solution.status = Status::MaxIterations;
       break;
     }
   } while (assembler.select_violated(impulse, law, sigma));

@@ -207,6 +207,63 @@ def test_the_ccp_rolls_and_spins_as_the_ncp():
     assert results[0] == pytest.approx(results[1], abs=5e-3)
 
 
+def test_the_ccp_solves_steps_with_contacts_that_do_not_push():
+    """One ball rests, one hangs in the air within the margin, one is pulled off: what is open has no load to find."""
+    surface = Material(torsion=5e-3, rolling=2e-3)
+    builder = WorldBuilder()
+    builder.add_ground(surface)
+    for k, height in enumerate((0.1, 0.1008, 0.1)):
+        name = f"ball_{k}"
+        place = (0.5 * k, 0.0, height)
+        builder.add_body(name, joints=[Joint(name, "free")], position=place, mass=MASS, inertia=INERTIA * np.eye(3))
+        builder.add_geometry(name, Sphere(RADIUS), material=surface)
+    simulator = Simulator(builder.build(), law="ccp", time_step=DT)
+    simulator.state.v[:] = 3 * (0.0, 0.0, 0.0, 1.0, 2.0, 3.0)
+    run(simulator, 5)
+    simulator.applied_force[14] = 2.0 * MASS * GRAVITY
+    expected = simulator.state.v[15:].copy()
+    run(simulator, 5)
+    assert simulator.state.v[15:] == pytest.approx(expected)  # nothing holds it any more
+    run(simulator, 30)
+
+
+def test_the_ccp_finds_loads_that_many_points_share():
+    """Each of 16 points feels what the loads of all make of the common turn."""
+    surface = Material(friction=0.5, torsion=4e-3, rolling=2e-3)
+    builder = WorldBuilder()
+    builder.add_ground(surface)
+    builder.add_body("raft", joints=[Joint("raft", "free")], position=(0, 0, 0.1), mass=MASS, inertia=0.02 * np.eye(3))
+    for k in range(4):
+        builder.add_geometry("raft", Box((0.1, 0.1, 0.1)), material=surface, position=(0.3 * k, 0.0, 0.0))
+    simulator = Simulator(builder.build(), law="ccp", time_step=DT, tolerance=1e-9)
+    run(simulator, 10)
+    simulator.state.v[:] = (1.0, 0.3, 0.0, 0.5, 0.4, 3.0)
+    run(simulator, 100)
+
+
+def test_the_certificate_of_a_step_is_no_milder_than_that_of_all_contacts():
+    """A ball that flies off is left out of the problem, fast as it is; torsion counts in what its speed is worth."""
+    torsion = 1.0
+    surface = Material(torsion=torsion)
+    builder = WorldBuilder()
+    builder.add_ground(surface)
+    for k in range(2):
+        name, place = f"ball_{k}", (0.5 * k, 0.0, RADIUS)
+        builder.add_body(name, joints=[Joint(name, "free")], position=place, mass=MASS, inertia=INERTIA * np.eye(3))
+        builder.add_geometry(name, Sphere(RADIUS), material=surface)
+    simulator = Simulator(builder.build(), solver="pgs", tolerance=1e-2, time_step=DT)
+    simulator.state.v[:] = (0.1, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 5.0, 0.0, 0.0, 0.0)
+    simulator.step()
+    assert len(simulator.contacts) == 2
+    assert simulator.report.num_constraints == 2
+    forces = [c.force_local for c in simulator.contacts]
+    moments = [(c.moment_local[2], 0.0, torsion * c.force_local[2]) for c in simulator.contacts]
+    impulse = DT * np.concatenate([*forces, *moments])
+    whole = signorini.residual(simulator.contact_problem(), impulse).relative
+    assert whole > 1e-6
+    assert simulator.report.residual.relative >= 0.999 * whole
+
+
 @pytest.mark.parametrize("boxes", [False, True])
 def test_a_heap_that_spins_and_rolls_is_solved_and_comes_to_rest(boxes):
     builder = WorldBuilder()
@@ -257,9 +314,69 @@ def test_inverse_dynamics_of_a_ball_held_still_gives_no_more_than_friction_can()
     simulator.applied_force[5] = 0.9 * holds
     run(simulator, 100)
     assert np.abs(simulator.state.v).max() < 1e-8
+    before = simulator.state.q.copy(), simulator.state.v.copy()
+    simulator.step()
+    for guess in (simulator, simulator.contacts):
+        result = inverse_dynamics(simulator.world, before, simulator.state.v, DT, impulse_guess=guess)
+        assert result.force == pytest.approx(simulator.applied_force, rel=1e-4, abs=1e-7)
     simulator.applied_force[5] = 1.1 * holds
     run(simulator, 100)
     assert velocity(simulator)[5] == pytest.approx(0.1 * holds / INERTIA * 0.1, rel=1e-4)
+
+
+@pytest.mark.parametrize("law", ["ncp", "ccp"])
+def test_inverse_dynamics_of_what_turns_needs_no_guess_on_soft_ground(law):
+    """The normal force follows from the overlap, the moments from it."""
+    surface = Material(friction=0.0, torsion=5e-3, rolling=2e-3, stiffness=1e4, damping=50.0)
+    simulator = ball(surface, law=law, tolerance=1e-9)
+    simulator.state.v[:] = (1.0, 0.5, 0.0, -5.0, 10.0, 3.0)
+    for applied in ((0.0,) * 6, (0.3, -0.2, 0.1, 0.02, 0.03, -0.01)):
+        run(simulator, 20)
+        simulator.applied_force[:] = applied
+        before = simulator.state.q.copy(), simulator.state.v.copy()
+        simulator.step()
+        result = inverse_dynamics(simulator.world, before, simulator.state.v, DT, law=law)
+        assert result.status == "solved"
+        assert result.force == pytest.approx(applied, abs=1e-4)
+
+
+@pytest.mark.parametrize("law", ["ncp", "ccp"])
+def test_inverse_dynamics_holds_moments_of_a_guess_within_the_new_normal_force(law):
+    """Pressed and twisted, then asked to stay with less overlap: torsion gives what that allows, the motor the rest."""
+    stiffness = 1e4
+    simulator = ball(Material(torsion=5e-3, stiffness=stiffness, damping=200.0), law=law)
+    simulator.applied_force[2] = -100.0
+    run(simulator, 500)
+    twist = simulator.applied_force[5] = 0.9 * 5e-3 * (100.0 + MASS * GRAVITY)
+    run(simulator, 100)
+    before = simulator.state.q.copy(), np.zeros(6)
+    v_next = np.array((0.0, 0.0, 0.15, 0.0, 0.0, 0.0))
+    simulator.step()
+    result = inverse_dynamics(simulator.world, before, v_next, DT, law=law, impulse_guess=simulator)
+    assert result.status == "solved"
+    (contact,) = result.contacts
+    normal = contact.force_local[2]
+    assert 0.0 < 5e-3 * normal < 0.9 * twist
+    assert abs(contact.moment_local[2]) == pytest.approx(5e-3 * normal, rel=1e-6)
+    assert result.force[5] == pytest.approx(abs(contact.moment_local[2]), rel=1e-6)
+
+
+@pytest.mark.parametrize("law", ["ncp", "ccp"])
+@pytest.mark.parametrize("stiffness", [math.inf, 1e5])
+def test_the_closest_motion_of_a_ball_is_that_which_friction_allows(law, stiffness):
+    """Asked to stop at once, nothing but torsion and rolling slows it down."""
+    simulator = ball(Material(torsion=4e-3, rolling=2e-3, stiffness=stiffness), law=law, tolerance=1e-9)
+    run(simulator, 300)
+    for start in ((0.0, 0.0, 0.0, 0.0, 0.0, 5.0), (0.5, 0.0, 0.0, 0.0, 5.0, 0.0), (0.0,) * 6):
+        simulator.state.v[:] = start
+        before = simulator.state.q.copy(), simulator.state.v.copy()
+        result = inverse_dynamics(simulator.world, before, np.zeros(6), DT, law=law, closest=True)
+        assert result.status == "solved"
+        assert result.force == pytest.approx(np.zeros(6), abs=1e-6)
+        saved = simulator.save()
+        simulator.step()
+        assert result.v_next == pytest.approx(simulator.state.v, abs=2e-5)
+        simulator.restore(saved)
 
 
 MJCF = """<mujoco><option timestep="0.001" cone="elliptic"/><default><geom solref="0.004 1" condim="{condim}"

@@ -86,11 +86,11 @@ class Assembler {
   bool has_moments() const { return has_moments_; }
   /// impulse <- the loads of torsion and rolling that belong to its normal impulses (S16).
   void set_loads(VectorRef impulse) const;
-  /// For the CCP, which relaxes the law of contacts but not that of moments: g of loads goes `step` of the way to the
-  /// speeds of their rows in sigma (S17). False, and nothing changed, where loads are right to `tolerance` times the
-  /// largest in `impulse`.
-  bool shift_loads(const ConstVectorRef& sigma, double step = 1.0, const ConstVectorRef& impulse = Vector(),
-                   double tolerance = 0.0);
+  /// For the CCP, which relaxes the law of contacts but not that of moments (S17): g of loads <- the speeds of their
+  /// own rows in g; and for those in problem(), towards the speeds in sigma, of the solution with those before (unless
+  /// `first`). False, and nothing changed, where they are right, to `tolerance` times the largest load.
+  void set_load_speeds();
+  bool shift_loads(const ConstVectorRef& sigma, const ConstVectorRef& impulse, double tolerance, bool first);
 
   /// Velocities J u of all sets, num_rows() values; without a Jacobian, from the twists of the bodies.
   void velocities(const ConstVectorRef& u, VectorRef out);
@@ -142,6 +142,7 @@ class Assembler {
   void add_loads(const Set& a, const Set& b, double* block) const;
   void add_loads(double* matrix, int rows) const;
   double squares(const Set& set) const;
+  void set_load_speed(Set& set, double speed);
   bool violated(const Set& set, const double* sigma, Law law) const;
   double rigid_correction(double gap) const;
   /// The spring with damper as correction and compliance of a row (S7); rigid where stiffness is infinite.
@@ -163,6 +164,8 @@ class Assembler {
   std::vector<Set> sets_;
   int rows_ = 0;
   bool has_moments_ = false;
+  double load_step_ = 1.0;
+  GrowVector load_changes_;  // of the last shift, by selected set
   Index nv_articulated_ = 0;
   int words_ = 0;  // of a mask of articulated velocities
   int num_slots_ = 0;

@@ -50,6 +50,7 @@ class InverseDynamics {
     Vector control;          ///< of actuators that act as in the step; empty: none do, their work is in `force`
     Matrix external_wrench;  ///< as Simulator::external_wrench(); empty: none
     Vector impulse_guess;    ///< 3 a point, in contact_frame(normal) [N s]; empty: 0
+    Vector moment_guess;     ///< likewise, of torsion and rolling [N m s]
     const Simulator* simulator = nullptr;  ///< its last step's impulses as guess, from this configuration; or null
     bool closest = false;                ///< find the closest motion that needs no force at unactuated velocities (S14)
     std::vector<std::uint8_t> actuated;  ///< nv; empty: actuated(world)

@@ -11,16 +11,31 @@
 using namespace signorini;
 using namespace signorini::testing;
 
+namespace {
+
+std::shared_ptr<const World> world_with_moments(bool moments) {
+  Material surface;
+  if (moments) surface.torsion = 2e-3, surface.rolling = 1e-3;
+  return busy_world(surface);
+}
+
+}  // namespace
+
 BOOST_AUTO_TEST_CASE(a_warm_step_allocates_nothing) {
 #if SIGNORINI_COUNTS_ALLOCATIONS
-  Simulator simulator(busy_world());
-  simulator.control()[1] = 0.5;
-  for (int k = 0; k < 1000; ++k) simulator.step();
-  simulator.step();
-  const long before = allocations;
-  for (int k = 0; k < 200; ++k) simulator.step();
-  BOOST_TEST(allocations - before == 0);
-  BOOST_TEST(simulator.report().num_contacts > 16);
+  for (const Law law : {Law::Ncp, Law::Ccp})
+    for (const bool moments : {false, true}) {
+      SimulatorSettings settings;
+      settings.solver.law = law;
+      Simulator simulator(world_with_moments(moments), settings);
+      simulator.control()[1] = 0.5;
+      for (int k = 0; k < 1000; ++k) simulator.step();
+      simulator.step();
+      const long before = allocations;
+      for (int k = 0; k < 200; ++k) simulator.step();
+      BOOST_TEST(allocations - before == 0);
+      BOOST_TEST(simulator.report().num_contacts > 16);
+    }
 #else
   BOOST_TEST_MESSAGE("not counted: a sanitizer has malloc");
 #endif
@@ -28,32 +43,34 @@ BOOST_AUTO_TEST_CASE(a_warm_step_allocates_nothing) {
 
 BOOST_AUTO_TEST_CASE(a_warm_inverse_step_allocates_nothing) {
 #if SIGNORINI_COUNTS_ALLOCATIONS
-  const auto world = busy_world();
-  SimulatorSettings settings;
-  settings.solver.tolerance = 1e-10;
-  Simulator simulator(world, settings);
-  for (int k = 0; k < 1000; ++k) simulator.step();
-  const Vector q = simulator.q();
-  InverseDynamics::Input input;
-  input.v = simulator.v();
-  simulator.step();
-  input.v_next = simulator.v();
-  input.control = simulator.control();
-  input.external_wrench = simulator.external_wrench();
-  InverseDynamics inverse(world, settings);
-  inverse.set_configuration(q);
-  const std::vector<ContactPoint> points = inverse.points();
-  BOOST_TEST(points.size() > 16u);
-  inverse.set_configuration(q, points);
-  BOOST_TEST((inverse.solve(input).status == Status::Solved));
-  input.impulse_guess = inverse.solve(input).contact_impulse;
-  inverse.solve(input);
-  const long before = allocations;
-  for (int k = 0; k < 50; ++k) {
+  for (const bool moments : {false, true}) {
+    const auto world = world_with_moments(moments);
+    SimulatorSettings settings;
+    settings.solver.tolerance = 1e-10;
+    Simulator simulator(world, settings);
+    for (int k = 0; k < 1000; ++k) simulator.step();
+    const Vector q = simulator.q();
+    InverseDynamics::Input input;
+    input.v = simulator.v();
+    simulator.step();
+    input.v_next = simulator.v();
+    input.control = simulator.control();
+    input.external_wrench = simulator.external_wrench();
+    InverseDynamics inverse(world, settings);
+    inverse.set_configuration(q);
+    const std::vector<ContactPoint> points = inverse.points();
+    BOOST_TEST(points.size() > 16u);
     inverse.set_configuration(q, points);
+    BOOST_TEST((inverse.solve(input).status == Status::Solved));
+    input.impulse_guess = inverse.solve(input).contact_impulse;
     inverse.solve(input);
+    const long before = allocations;
+    for (int k = 0; k < 50; ++k) {
+      inverse.set_configuration(q, points);
+      inverse.solve(input);
+    }
+    BOOST_TEST(allocations - before == 0);
   }
-  BOOST_TEST(allocations - before == 0);
 #else
   BOOST_TEST_MESSAGE("not counted: a sanitizer has malloc");
 #endif

@@ -28,17 +28,18 @@ inline int add_box(WorldBuilder& builder, const std::string& name, double mass, 
   return geometry.body;
 }
 
-inline void add_ground(WorldBuilder& builder) {
+inline void add_ground(WorldBuilder& builder, const Material& material = {}) {
   Geometry ground;
+  ground.material = material;
   ground.shape = Shape::half_space();
   builder.add_geometry(ground);
 }
 
 /// A stack of boxes on the ground, and a chain of rods with capsules that falls on them: limits, dry friction, damping,
-/// a position drive, a weld and a compliant box.
-inline std::shared_ptr<const World> busy_world() {
+/// a position drive, a weld and a compliant box. ground: its material.
+inline std::shared_ptr<const World> busy_world(const Material& ground = {}) {
   WorldBuilder builder;
-  add_ground(builder);
+  add_ground(builder, ground);
   for (int i = 0; i < 4; ++i)
     add_box(builder, "box" + std::to_string(i), 1.0 + i, {0.1, 0.1, 0.1}, {0.0, 0.01 * i, 0.1 + 0.2 * i});
   Material soft;
