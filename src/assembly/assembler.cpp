@@ -14,6 +14,7 @@ namespace {
 // would make the points of a resting face contradict each other.
 constexpr double kTouching = 1e-7;
 constexpr double kSamePoint = 1e-5;  // [m] contact points nearer than this are the same, whoever found them
+constexpr double kRedundant = 1e-4;  // (S16)
 constexpr int kCoupledRows = 200;    // up to this many a dense G is as fast as any
 
 /// Rotation vector of R, |angle| <= pi.
@@ -610,7 +611,72 @@ void Assembler::multiply_articulated(const std::vector<int>& selection) {
   }
 }
 
+/// Compliance of rigid equalities that others all but determine (S16), after multiply_articulated(): a Cholesky
+/// factorisation of their part of G, each constraint scaled to 1, the largest pivot first, none below kRedundant.
+void Assembler::soften_redundant(const std::vector<int>& selection) {
+  if (softened_) return;
+  softened_ = true;
+  for (std::size_t g = 0; g < groups_.size(); ++g) {
+    const Group& group = groups_[g];
+    loop_sets_.clear();
+    for (const int i : selection) {
+      Set& set = sets_[static_cast<std::size_t>(i)];
+      const bool rigid = set.source == SetSource::Equality && set.compliance == 0.0;
+      if (rigid && set.articulated >= 0 && set.group == static_cast<int>(g)) loop_sets_.push_back(&set);
+    }
+    const std::size_t n = loop_sets_.size();
+    if (n < 2) continue;
+    const double* product = products_.data() + group.product;
+    const auto entry = [&](const Set& a, const Set& b) {  // of G
+      const auto [c, r] = std::minmax(a.group_row, b.group_row);
+      return -product[static_cast<std::ptrdiff_t>(c) * group.rows + r];
+    };
+    // Rows of one constraint along different axes are one length or one angle: the axis of a plane linkage, which is
+    // moved by rounding alone, must not be scaled up.
+    loop_scale_.resize(n);
+    for (std::size_t k = 0; k < n;) {
+      const Set& first = *loop_sets_[k];
+      double largest = 0.0;
+      std::size_t end = k;
+      for (; end < n && loop_sets_[end]->index == first.index && loop_sets_[end]->row / 3 == first.row / 3; ++end)
+        largest = std::max(largest, entry(*loop_sets_[end], *loop_sets_[end]));
+      for (; k < end; ++k) loop_scale_[k] = largest > 0.0 ? 1.0 / std::sqrt(largest) : 0.0;
+    }
+    loops_.resize(n * n);  // lower triangle, column by column
+    for (std::size_t c = 0; c < n; ++c)
+      for (std::size_t r = c; r < n; ++r)
+        loops_[c * n + r] = entry(*loop_sets_[c], *loop_sets_[r]) * loop_scale_[c] * loop_scale_[r];
+    const auto at = [&](std::size_t r, std::size_t c) -> double& {
+      return loops_[std::min(r, c) * n + std::max(r, c)];
+    };
+    for (std::size_t k = 0; k < n; ++k) {
+      std::size_t largest = k;
+      for (std::size_t i = k + 1; i < n; ++i)
+        if (loops_[i * n + i] > loops_[largest * n + largest]) largest = i;
+      if (largest != k) {
+        for (std::size_t i = k; i < n; ++i)
+          if (i != k && i != largest) std::swap(at(i, k), at(i, largest));
+        std::swap(at(k, k), at(largest, largest));
+        std::swap(loop_sets_[k], loop_sets_[largest]);
+        std::swap(loop_scale_[k], loop_scale_[largest]);
+      }
+      double* column = loops_.data() + k * n;
+      if (!(column[k] >= kRedundant)) {
+        if (loop_scale_[k] > 0.0)
+          loop_sets_[k]->compliance = (kRedundant - column[k]) / (loop_scale_[k] * loop_scale_[k]);
+        column[k] = kRedundant;
+      }
+      const double inverse = 1.0 / column[k];
+      for (std::size_t c = k + 1; c < n; ++c) {
+        const double factor = column[c] * inverse;
+        for (std::size_t r = c; r < n; ++r) loops_[c * n + r] -= factor * column[r];
+      }
+    }
+  }
+}
+
 void Assembler::clear() {
+  softened_ = false;
   sets_.clear();
   terms_.clear();
   selection_.clear();
@@ -666,6 +732,7 @@ void Assembler::write_problem() {
     constraint_sets_.add(all_sets_[i]);
   }
   multiply_articulated(selection_);
+  soften_redundant(selection_);
   // One group that holds all rows: its product is G.
   const bool coupled = groups_.size() == 1 && groups_[0].rows == rows && rows <= kCoupledRows &&
                        std::all_of(selection_.begin(), selection_.end(),
@@ -747,14 +814,15 @@ bool Assembler::select_violated(const ConstVectorRef& impulse, Law law, VectorRe
 
 ContactProblem Assembler::whole_problem() {
   std::vector<int> all(sets_.size());
-  Vector compliance = Vector::Zero(rows_);
   for (std::size_t i = 0; i < sets_.size(); ++i) {
     all[i] = static_cast<int>(i);
     build_rows(sets_[i]);
-    compliance[sets_[i].start + sets_[i].rows - 1] = sets_[i].compliance;
   }
   const auto delassus = std::make_shared<BlockDelassus>();
   multiply_articulated(all);
+  soften_redundant(all);
+  Vector compliance = Vector::Zero(rows_);
+  for (const Set& set : sets_) compliance[set.start + set.rows - 1] = set.compliance;
   multiply_blocks(all, all_sets_, *delassus);
   return ContactProblem(delassus, g_, all_sets_, compliance);
 }

@@ -122,6 +122,7 @@ class Assembler {
   /// G of the sets of `selection`, whose rows are `sets`, after multiply_articulated().
   void multiply_blocks(const std::vector<int>& selection, const ConstraintSets& sets, BlockDelassus& delassus);
   void multiply_articulated(const std::vector<int>& selection);
+  void soften_redundant(const std::vector<int>& selection);
   void write_problem();
   double largest_left_out();
   bool violated(const Set& set, const double* sigma, Law law) const;
@@ -163,6 +164,9 @@ class Assembler {
   std::vector<std::vector<int>> sets_of_free_;
   std::vector<int> touched_free_;
   std::vector<int> partners_;
+  bool softened_ = false;  // soften_redundant() has been, for these sets
+  std::vector<Set*> loop_sets_;
+  std::vector<double> loop_scale_, loops_;
   std::vector<BlockDelassus::Pair> pairs_;
   ConstraintSets all_sets_, constraint_sets_;  // of sets_, and of those in the problem
   std::vector<int> selection_;                 // the sets in the problem
