@@ -82,35 +82,39 @@ double* Assembler::articulated_columns(Set& set) {
   return columns_.data() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_;
 }
 
-/// J += sign (velocity of a point that moves with `frame`, along set.frame's columns: all three, or the row-th).
-void Assembler::add_point(const Dynamics& dynamics, Set& set, int frame, const Vector3& point, double sign) {
+/// J += sign (velocity of a point that moves with `frame`, along set.frame's columns), a set of three rows. The first
+/// `shared` velocities that move the frame are left out.
+void Assembler::add_point(const Dynamics& dynamics, Set& set, int frame, const Vector3& point, double sign,
+                          std::size_t shared) {
   if (frame == 0) return;
-  const int first = set.rows == 3 ? 0 : set.row % 3;
   const int free = dynamics.free_body(frame);
   if (free >= 0) {
     const Placement& placement = dynamics.frames()[static_cast<std::size_t>(frame)];
     const Vector3 arm = placement.rotation.transpose() * (point - placement.translation);
     double* y = set.y[set.num_free];
     set.free[set.num_free++] = free;
-    for (int r = 0; r < set.rows; ++r) {
-      const Vector3 linear = placement.rotation.transpose() * (sign * set.frame.col(first + r));
+    for (int r = 0; r < 3; ++r) {
+      const Vector3 linear = placement.rotation.transpose() * (sign * set.frame.col(r));
       const Vector3 angular = arm.cross(linear);
-      for (int k = 0; k < 3; ++k) y[k * set.rows + r] = linear[k], y[(3 + k) * set.rows + r] = angular[k];
+      for (int k = 0; k < 3; ++k) y[3 * k + r] = linear[k], y[3 * (3 + k) + r] = angular[k];
     }
     return;
   }
   double* y = articulated_columns(set);
   std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_;
   for (int w = 0; w < words_; ++w) mask[w] |= support_masks_[static_cast<std::size_t>(frame * words_ + w)];
-  const Matrix3 axes = sign * set.frame;
-  for (const int k : dynamics.support(frame)) {
-    const double* m = dynamics.motion(k);
-    const double x = m[0] + m[4] * point[2] - m[5] * point[1];
-    const double v = m[1] + m[5] * point[0] - m[3] * point[2];
-    const double z = m[2] + m[3] * point[1] - m[4] * point[0];
-    double* yk = y + static_cast<std::ptrdiff_t>(k) * set.rows;
-    for (int r = 0; r < set.rows; ++r)
-      yk[r] += axes(0, first + r) * x + axes(1, first + r) * v + axes(2, first + r) * z;
+  double wrench[6][3];  // unit forces along the axes at the point, about the world's origin
+  for (int r = 0; r < 3; ++r) {
+    const Vector3 force = sign * set.frame.col(r), moment = point.cross(force);
+    for (int k = 0; k < 3; ++k) wrench[k][r] = force[k], wrench[3 + k][r] = moment[k];
+  }
+  const std::vector<int>& support = dynamics.support(frame);
+  for (std::size_t i = shared; i < support.size(); ++i) {
+    const double* m = dynamics.motion(support[i]);
+    double* yk = y + 3 * static_cast<std::ptrdiff_t>(support[i]);
+    for (int r = 0; r < 3; ++r)
+      yk[r] += m[0] * wrench[0][r] + m[1] * wrench[1][r] + m[2] * wrench[2][r] + m[3] * wrench[3][r] +
+               m[4] * wrench[4][r] + m[5] * wrench[5][r];
   }
 }
 
@@ -190,13 +194,51 @@ void Assembler::build_rows(Set& set) {
       add_velocity(set, term.v, term.factor);
     }
   } else if (set.row < 3) {
-    add_point(*dynamics_, set, set.frame_a, set.point_a, -1.0);
-    add_point(*dynamics_, set, set.frame_b, set.point_b, 1.0);
+    return set.rows == 3 ? build_point_rows(set) : build_loop_rows(*(&set - set.row));
   } else {
     add_rotation(*dynamics_, set, set.frame_a, -1.0);
     add_rotation(*dynamics_, set, set.frame_b, 1.0);
   }
   whiten(set);
+}
+
+/// Rows of the relative velocity of two points.
+void Assembler::build_point_rows(Set& set) {
+  std::size_t shared = 0;  // velocities that move both points alike
+  const auto moves = [this](int frame) { return frame > 0 && dynamics_->free_body(frame) < 0; };
+  if (moves(set.frame_a) && moves(set.frame_b) && set.point_a == set.point_b) {
+    const std::vector<int>&a = dynamics_->support(set.frame_a), &b = dynamics_->support(set.frame_b);
+    while (shared < a.size() && shared < b.size() && a[shared] == b[shared]) ++shared;
+  }
+  add_point(*dynamics_, set, set.frame_a, set.point_a, -1.0, shared);
+  add_point(*dynamics_, set, set.frame_b, set.point_b, 1.0, shared);
+  whiten(set);
+}
+
+/// The same for an equality of points, whose three rows are three sets, `first` and the next two.
+void Assembler::build_loop_rows(Set& first) {
+  Set all;
+  all.rows = 3;
+  all.frame = first.frame;
+  all.frame_a = first.frame_a, all.frame_b = first.frame_b;
+  all.point_a = first.point_a, all.point_b = first.point_b;
+  build_point_rows(all);
+  for (int r = 0; r < 3; ++r) {
+    Set& set = *(&first + r);
+    set.built = true;
+    if (all.articulated >= 0) {
+      double* to = articulated_columns(set);
+      const double* from = columns_.data() + static_cast<std::ptrdiff_t>(all.articulated) * 3 * nv_articulated_;
+      const std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(all.articulated) * words_;
+      std::copy_n(mask, words_, masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_);
+      for (Index k = 0; k < nv_articulated_; ++k) to[k] = from[3 * k + r];
+    }
+    set.num_free = all.num_free;
+    for (int side = 0; side < all.num_free; ++side) {
+      set.free[side] = all.free[side];
+      for (int k = 0; k < 6; ++k) set.y[side][k] = all.y[side][3 * k + r];
+    }
+  }
 }
 
 double Assembler::rigid_correction(double gap) const {

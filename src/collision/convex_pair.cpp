@@ -19,6 +19,7 @@ constexpr double kFaceCosine = 0.8, kFaceCosineFree = 0.95;
 // What is followed from the last step: faces within about 8 degrees of its normal; a face nearer than 0.001 rad must be
 // what touches, else the pair is searched anew. kOnFeature: relative to the smaller shape.
 constexpr double kFollowCosine = 0.99, kAlongFace = 1.0 - 5e-7, kOnFeature = 1e-9;
+constexpr int kMostEdges = 32;         // at a corner that is followed
 constexpr double kFollowSlope = 0.02;  // square of the sine of an edge with the plane of contact, at most
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
@@ -184,20 +185,26 @@ struct ConvexPair::Search {
     }
     if (along_face) return Followed::Lost;
     // Two edges that cross when seen along the normal.
+    const auto is_flat = [](const Vector3& edge, const Vector3& direction) {
+      const double slope = edge.dot(direction);
+      return slope * slope <= kFollowSlope * edge.squaredNorm();
+    };
+    std::array<Vector3, kMostEdges> edges_b;
+    int count_b = 0;
+    for (int j = hull_b.corner_begin[vertex_b]; j < hull_b.corner_begin[vertex_b + 1] && count_b < kMostEdges; ++j)
+      if (const Vector3 edge = hull_b.edge(j); is_flat(edge, normal_b)) edges_b[count_b++] = difference.rotation * edge;
     const Vector3 offset = b - a;
-    for (int i = hull_a.corner_begin[vertex_a]; i < hull_a.corner_begin[vertex_a + 1]; ++i) {
+    for (int i = hull_a.corner_begin[vertex_a]; count_b > 0 && i < hull_a.corner_begin[vertex_a + 1]; ++i) {
       const Vector3 edge_a = hull_a.edge(i);
-      const double slope_a = edge_a.dot(normal);
-      if (slope_a * slope_a > kFollowSlope * edge_a.squaredNorm()) continue;
-      for (int j = hull_b.corner_begin[vertex_b]; j < hull_b.corner_begin[vertex_b + 1]; ++j) {
-        const Vector3 edge_b = difference.rotation * hull_b.edge(j);
-        const double slope_b = edge_b.dot(normal);
-        if (slope_b * slope_b > kFollowSlope * edge_b.squaredNorm()) continue;
+      if (!is_flat(edge_a, normal)) continue;
+      const Vector3 across = offset.cross(edge_a);
+      for (int j = 0; j < count_b; ++j) {
+        const Vector3& edge_b = edges_b[j];
         const Vector3 twist = edge_a.cross(edge_b);
-        const double square = twist.squaredNorm(), along = twist.dot(normal);
-        if (!(along * along > kFollowCosine * kFollowCosine * square && square > 0.0)) continue;
-        const double at_a = offset.cross(edge_b).dot(twist), at_b = offset.cross(edge_a).dot(twist);
-        if (!(at_a >= 0.0 && at_a <= square && at_b >= 0.0 && at_b <= square)) continue;
+        const double square = twist.squaredNorm(), along = twist.dot(normal), at_b = across.dot(twist);
+        if (!(at_b >= 0.0 && at_b <= square && square > 0.0)) continue;
+        const double at_a = offset.cross(edge_b).dot(twist);
+        if (!(at_a >= 0.0 && at_a <= square && along * along > kFollowCosine * kFollowCosine * square)) continue;
         const Vector3 n = twist * ((along < 0.0 ? -1.0 : 1.0) / std::sqrt(square));
         if (!propose(n, Axis::Edges)) continue;
         if (best.separation < n.dot(offset) - kOnFeature * scale) {  // the hulls reach beyond these edges

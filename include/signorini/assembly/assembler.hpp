@@ -103,12 +103,14 @@ class Assembler {
  private:
   Set& new_set(SetSource source, int index, int row, int rows);
   double* articulated_columns(Set& set);
-  void add_point(const Dynamics& dynamics, Set& set, int frame, const Vector3& point, double sign);
+  void add_point(const Dynamics& dynamics, Set& set, int frame, const Vector3& point, double sign, std::size_t shared);
   void add_rotation(const Dynamics& dynamics, Set& set, int frame, double sign);
   void add_velocity(Set& set, Index v, double factor);
   void add_term(Set& set, Index v, double factor);
   void add_tendon_terms(Set& set, int tendon, double factor);
   void build_rows(Set& set);
+  void build_point_rows(Set& set);
+  void build_loop_rows(Set& first);
   void whiten(Set& set);
   /// velocity = J u of a set; twists: those of the frames at u.
   void set_velocity(const Set& set, const ConstVectorRef& u, const std::vector<Twist>& twists, double* velocity) const;
