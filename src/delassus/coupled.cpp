@@ -6,6 +6,7 @@
 
 #include "dense_kernels.hpp"
 #include "explicit_system.hpp"
+#include "require.hpp"
 #include "signorini/delassus/dense.hpp"
 #include "signorini/errors.hpp"
 
@@ -19,15 +20,7 @@ double* CoupledDelassus::reset(Index rows) {
 }
 
 void CoupledDelassus::check(const ConstraintSets&) const {
-  // Nothing is larger than the sum of all; NaN stays in it.
-  const double* v = values_.data();
-  const Index count = size_ * size_;
-  double sums[4] = {0.0, 0.0, 0.0, 0.0};
-  Index k = 0;
-  for (; k + 4 <= count; k += 4)
-    for (Index j = 0; j < 4; ++j) sums[j] += std::abs(v[k + j]);
-  for (; k < count; ++k) sums[0] += std::abs(v[k]);
-  if (sums[0] + sums[1] + sums[2] + sums[3] <= 1e100) return;
+  if (sum_is_bounded(values_.data(), size_ * size_)) return;
   for (Index c = 0; c < size_; ++c)
     for (Index r = 0; r < size_; ++r) {
       if (std::abs(dense()(r, c)) <= 1e100) continue;  // false for NaN
