@@ -23,6 +23,19 @@ Vector3 rotation_vector(const Matrix3& rotation) {
   return turn.angle() * turn.axis();
 }
 
+/// y (Rows x 6, column-major) <- y times an upper triangular matrix.
+template <int Rows>
+void multiply_upper(double* y, const Eigen::Matrix<double, 6, 6>& upper) {
+  double from[6 * Rows];
+  std::copy_n(y, 6 * Rows, from);
+  for (int c = 0; c < 6; ++c) {
+    double sums[Rows] = {};
+    for (int k = 0; k <= c; ++k)
+      for (int r = 0; r < Rows; ++r) sums[r] += from[Rows * k + r] * upper(k, c);
+    std::copy_n(sums, Rows, y + Rows * c);
+  }
+}
+
 }  // namespace
 
 Matrix3 contact_frame(const Vector3& n) {
@@ -150,25 +163,23 @@ void Assembler::add_velocity(Set& set, Index v, double factor) {
 void Assembler::whiten(Set& set) {
   if (set.articulated >= 0) {
     const std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_;
-    dofs_.clear();
+    dofs_.resize(static_cast<std::size_t>(nv_articulated_));
+    int count = 0;
     for (int w = words_ - 1; w >= 0; --w)
       for (std::uint64_t bits = mask[w]; bits;) {
         const int top = 63 - __builtin_clzll(bits);
-        dofs_.push_back(64 * w + top);
+        dofs_[static_cast<std::size_t>(count++)] = 64 * w + top;
         bits ^= std::uint64_t{1} << top;
       }
     dynamics_->whiten(columns_.data() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_, set.rows,
-                      dofs_.data(), static_cast<int>(dofs_.size()));
+                      dofs_.data(), count);
   }
   for (int side = 0; side < set.num_free; ++side) {
-    const auto& whitener = dynamics_->free_whitener(set.free[side]);  // upper triangular
-    double* y = set.y[side];
-    for (int c = 5; c >= 0; --c)
-      for (int r = 0; r < set.rows; ++r) {
-        double value = 0.0;
-        for (int k = 0; k <= c; ++k) value += y[k * set.rows + r] * whitener(k, c);
-        y[c * set.rows + r] = value;
-      }
+    const auto& whitener = dynamics_->free_whitener(set.free[side]);
+    if (set.rows == 3)
+      multiply_upper<3>(set.y[side], whitener);
+    else
+      multiply_upper<1>(set.y[side], whitener);
   }
 }
 
@@ -572,9 +583,11 @@ void Assembler::multiply_blocks(const std::vector<int>& selection, const Constra
         if (a.free[p] != b.free[q]) continue;
         const double *ya = a.y[p], *yb = b.y[q];
         if (a.rows == 3 && b.rows == 3) {
+          double sums[9] = {};  // not in the block, which could be anywhere for all the compiler knows
           for (int k = 0; k < 6; ++k)
             for (int c = 0; c < 3; ++c)
-              for (int r = 0; r < 3; ++r) block[3 * c + r] += ya[3 * k + r] * yb[3 * k + c];
+              for (int r = 0; r < 3; ++r) sums[3 * c + r] += ya[3 * k + r] * yb[3 * k + c];
+          for (int k = 0; k < 9; ++k) block[k] += sums[k];
         } else {
           for (int k = 0; k < 6; ++k)
             for (int c = 0; c < b.rows; ++c)
