@@ -32,6 +32,10 @@ nb::object view(Vector& x, nb::handle owner) {
   return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<1>>(x.data(), {static_cast<std::size_t>(x.size())}, owner));
 }
 
+/// An array that Python has made for us to fill: cheaper than one of ours for it to own.
+template <class T>
+using Column = nb::ndarray<T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+
 template <class T>
 nb::object array(const std::vector<T>& x) {
   return nb::cast(nb::ndarray<nb::numpy, const T, nb::ndim<1>>(x.data(), {x.size()}), nb::rv_policy::copy);
@@ -402,25 +406,26 @@ void bind_simulation(nb::module_& m) {
       .def("step", &Simulator::step, nb::call_guard<nb::gil_scoped_release>())
       .def(
           "run",
-          [](Simulator& self, Index num_steps, const Matrix& controls, bool keep_states) {
+          [](Simulator& self, Index num_steps, const Matrix& controls, bool keep_states, Column<double> seconds,
+             Column<double> relative, Column<double> penetration, Column<int> iterations, Column<int> factorizations,
+             Column<int> num_contacts, Column<bool> solved) -> nb::object {
             Trace trace;
             Matrix states;
             {
               const nb::gil_scoped_release release;
               run(self, num_steps, controls, trace, keep_states ? &states : nullptr);
             }
-            nb::dict out;
-            out["seconds"] = array(trace.seconds);
-            out["relative"] = array(trace.relative);
-            out["penetration"] = array(trace.penetration);
-            out["iterations"] = array(trace.iterations);
-            out["factorizations"] = array(trace.factorizations);
-            out["num_contacts"] = array(trace.num_contacts);
-            out["solved"] = array(trace.solved);
-            out["states"] = nb::cast(states);
-            return out;
+            const auto fill = [](const auto& from, const auto& to) {
+              if (to.shape(0) != from.size()) throw InvalidInput("num_steps", "is not the length of the arrays");
+              std::copy(from.begin(), from.end(), to.data());
+            };
+            fill(trace.seconds, seconds), fill(trace.relative, relative), fill(trace.penetration, penetration);
+            fill(trace.iterations, iterations), fill(trace.factorizations, factorizations);
+            fill(trace.num_contacts, num_contacts), fill(trace.solved, solved);
+            return keep_states ? nb::cast(states) : nb::none();
           },
-          "num_steps"_a, "controls"_a, "keep_states"_a)
+          "num_steps"_a, "controls"_a, "keep_states"_a, "seconds"_a, "relative"_a, "penetration"_a, "iterations"_a,
+          "factorizations"_a, "num_contacts"_a, "solved"_a)
       .def_prop_ro("report", &Simulator::report)
       .def("contacts", &Simulator::contacts)
       .def("contact_force", &Simulator::contact_force)

@@ -340,13 +340,13 @@ class Simulator:
         given = np.zeros((0, 0)) if controls is None else np.asarray(controls, dtype=np.float64)
         if given.ndim != 2:
             raise InvalidInputError(f"controls: has shape {given.shape}, must be ({num_steps}, {len(self._control)})")
-        out = self._core.run(int(num_steps), given, keep_states)
-        states = out.pop("states")
-        trace = Trace(
-            **{**out, "solved": out["solved"].astype(bool)},
-            states=states if keep_states else None,
-            controls=None if controls is None else given,
-        )
+        count = int(num_steps)
+        seconds, relative, penetration = np.empty(count), np.empty(count), np.empty(count)
+        iterations, factorizations, num_contacts = (np.empty(count, np.int32) for _ in range(3))
+        solved = np.empty(count, np.bool_)
+        reports = seconds, relative, penetration, iterations, factorizations, num_contacts, solved
+        states = self._core.run(count, given, keep_states, *reports)
+        trace = Trace(*reports, states, None if controls is None else given)
         if self.settings.on_unsolved != "continue":
             self._check_solved()
         return trace

@@ -16,7 +16,8 @@ constexpr double kTouching = 1e-7;
 constexpr double kSamePoint = 1e-5;  // [m] contact points nearer than this are the same, whoever found them
 constexpr double kRounding = 1e-12;  // of an impulse: where loads are all 0, their speeds still change by this share
 constexpr double kFirstLoadStep = 1.5, kLongestLoadStep = 64.0;
-constexpr int kCoupledRows = 200;  // up to this many a dense G is as fast as any
+constexpr double kRedundant = 1e-4;  // (S19)
+constexpr int kCoupledRows = 200;    // up to this many a dense G is as fast as any
 
 /// Rotation vector of R, |angle| <= pi.
 Vector3 rotation_vector(const Matrix3& rotation) {
@@ -26,6 +27,19 @@ Vector3 rotation_vector(const Matrix3& rotation) {
 
 bool is_moment(const Assembler::Set& set) {
   return set.source == SetSource::Torsion || set.source == SetSource::Rolling;
+}
+
+/// y (Rows x 6, column-major) <- y times an upper triangular matrix.
+template <int Rows>
+void multiply_upper(double* y, const Eigen::Matrix<double, 6, 6>& upper) {
+  double from[6 * Rows];
+  std::copy_n(y, 6 * Rows, from);
+  for (int c = 0; c < 6; ++c) {
+    double sums[Rows] = {};
+    for (int k = 0; k <= c; ++k)
+      for (int r = 0; r < Rows; ++r) sums[r] += from[Rows * k + r] * upper(k, c);
+    std::copy_n(sums, Rows, y + Rows * c);
+  }
 }
 
 }  // namespace
@@ -99,35 +113,39 @@ double* Assembler::articulated_columns(Set& set) {
   return columns_.data() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_;
 }
 
-/// J += sign (velocity of a point that moves with `frame`, along set.frame's columns: all three, or the row-th).
-void Assembler::add_point(const Dynamics& dynamics, Set& set, int frame, const Vector3& point, double sign) {
+/// J += sign (velocity of a point that moves with `frame`, along set.frame's columns), a set of three rows. The first
+/// `shared` velocities that move the frame are left out.
+void Assembler::add_point(const Dynamics& dynamics, Set& set, int frame, const Vector3& point, double sign,
+                          std::size_t shared) {
   if (frame == 0) return;
-  const int first = set.rows == 3 ? 0 : set.row % 3;
   const int free = dynamics.free_body(frame);
   if (free >= 0) {
     const Placement& placement = dynamics.frames()[static_cast<std::size_t>(frame)];
     const Vector3 arm = placement.rotation.transpose() * (point - placement.translation);
     double* y = set.y[set.num_free];
     set.free[set.num_free++] = free;
-    for (int r = 0; r < set.rows; ++r) {
-      const Vector3 linear = placement.rotation.transpose() * (sign * set.frame.col(first + r));
+    for (int r = 0; r < 3; ++r) {
+      const Vector3 linear = placement.rotation.transpose() * (sign * set.frame.col(r));
       const Vector3 angular = arm.cross(linear);
-      for (int k = 0; k < 3; ++k) y[k * set.rows + r] = linear[k], y[(3 + k) * set.rows + r] = angular[k];
+      for (int k = 0; k < 3; ++k) y[3 * k + r] = linear[k], y[3 * (3 + k) + r] = angular[k];
     }
     return;
   }
   double* y = articulated_columns(set);
   std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_;
   for (int w = 0; w < words_; ++w) mask[w] |= support_masks_[static_cast<std::size_t>(frame * words_ + w)];
-  const Matrix3 axes = sign * set.frame;
-  for (const int k : dynamics.support(frame)) {
-    const double* m = dynamics.motion(k);
-    const double x = m[0] + m[4] * point[2] - m[5] * point[1];
-    const double v = m[1] + m[5] * point[0] - m[3] * point[2];
-    const double z = m[2] + m[3] * point[1] - m[4] * point[0];
-    double* yk = y + static_cast<std::ptrdiff_t>(k) * set.rows;
-    for (int r = 0; r < set.rows; ++r)
-      yk[r] += axes(0, first + r) * x + axes(1, first + r) * v + axes(2, first + r) * z;
+  double wrench[6][3];  // unit forces along the axes at the point, about the world's origin
+  for (int r = 0; r < 3; ++r) {
+    const Vector3 force = sign * set.frame.col(r), moment = point.cross(force);
+    for (int k = 0; k < 3; ++k) wrench[k][r] = force[k], wrench[3 + k][r] = moment[k];
+  }
+  const std::vector<int>& support = dynamics.support(frame);
+  for (std::size_t i = shared; i < support.size(); ++i) {
+    const double* m = dynamics.motion(support[i]);
+    double* yk = y + 3 * static_cast<std::ptrdiff_t>(support[i]);
+    for (int r = 0; r < 3; ++r)
+      yk[r] += m[0] * wrench[0][r] + m[1] * wrench[1][r] + m[2] * wrench[2][r] + m[3] * wrench[3][r] +
+               m[4] * wrench[4][r] + m[5] * wrench[5][r];
   }
 }
 
@@ -168,25 +186,23 @@ void Assembler::add_velocity(Set& set, Index v, double factor) {
 void Assembler::whiten(Set& set) {
   if (set.articulated >= 0) {
     const std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_;
-    dofs_.clear();
+    dofs_.resize(static_cast<std::size_t>(nv_articulated_));
+    int count = 0;
     for (int w = words_ - 1; w >= 0; --w)
       for (std::uint64_t bits = mask[w]; bits;) {
         const int top = 63 - __builtin_clzll(bits);
-        dofs_.push_back(64 * w + top);
+        dofs_[static_cast<std::size_t>(count++)] = 64 * w + top;
         bits ^= std::uint64_t{1} << top;
       }
     dynamics_->whiten(columns_.data() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_, set.rows,
-                      dofs_.data(), static_cast<int>(dofs_.size()));
+                      dofs_.data(), count);
   }
   for (int side = 0; side < set.num_free; ++side) {
-    const auto& whitener = dynamics_->free_whitener(set.free[side]);  // upper triangular
-    double* y = set.y[side];
-    for (int c = 5; c >= 0; --c)
-      for (int r = 0; r < set.rows; ++r) {
-        double value = 0.0;
-        for (int k = 0; k <= c; ++k) value += y[k * set.rows + r] * whitener(k, c);
-        y[c * set.rows + r] = value;
-      }
+    const auto& whitener = dynamics_->free_whitener(set.free[side]);
+    if (set.rows == 3)
+      multiply_upper<3>(set.y[side], whitener);
+    else
+      multiply_upper<1>(set.y[side], whitener);
   }
 }
 
@@ -212,8 +228,7 @@ void Assembler::build_rows(Set& set) {
       add_velocity(set, term.v, term.factor);
     }
   } else if (set.row < 3) {
-    add_point(*dynamics_, set, set.frame_a, set.point_a, -1.0);
-    add_point(*dynamics_, set, set.frame_b, set.point_b, 1.0);
+    return set.rows == 3 ? build_point_rows(set) : build_loop_rows(*(&set - set.row));
   } else {
     add_rotation(*dynamics_, set, set.frame_a, -1.0);
     add_rotation(*dynamics_, set, set.frame_b, 1.0);
@@ -235,6 +250,45 @@ double Assembler::squares(const Set& set) const {
   for (int side = 0; side < set.num_free; ++side)
     for (int k = 0; k < 6 * set.rows; ++k) sum += set.y[side][k] * set.y[side][k];
   return sum;
+}
+
+/// Rows of the relative velocity of two points.
+void Assembler::build_point_rows(Set& set) {
+  std::size_t shared = 0;  // velocities that move both points alike
+  const auto moves = [this](int frame) { return frame > 0 && dynamics_->free_body(frame) < 0; };
+  if (moves(set.frame_a) && moves(set.frame_b) && set.point_a == set.point_b) {
+    const std::vector<int>&a = dynamics_->support(set.frame_a), &b = dynamics_->support(set.frame_b);
+    while (shared < a.size() && shared < b.size() && a[shared] == b[shared]) ++shared;
+  }
+  add_point(*dynamics_, set, set.frame_a, set.point_a, -1.0, shared);
+  add_point(*dynamics_, set, set.frame_b, set.point_b, 1.0, shared);
+  whiten(set);
+}
+
+/// The same for an equality of points, whose three rows are three sets, `first` and the next two.
+void Assembler::build_loop_rows(Set& first) {
+  Set all;
+  all.rows = 3;
+  all.frame = first.frame;
+  all.frame_a = first.frame_a, all.frame_b = first.frame_b;
+  all.point_a = first.point_a, all.point_b = first.point_b;
+  build_point_rows(all);
+  for (int r = 0; r < 3; ++r) {
+    Set& set = *(&first + r);
+    set.built = true;
+    if (all.articulated >= 0) {
+      double* to = articulated_columns(set);
+      const double* from = columns_.data() + static_cast<std::ptrdiff_t>(all.articulated) * 3 * nv_articulated_;
+      const std::uint64_t* mask = masks_.data() + static_cast<std::ptrdiff_t>(all.articulated) * words_;
+      std::copy_n(mask, words_, masks_.data() + static_cast<std::ptrdiff_t>(set.articulated) * words_);
+      for (Index k = 0; k < nv_articulated_; ++k) to[k] = from[3 * k + r];
+    }
+    set.num_free = all.num_free;
+    for (int side = 0; side < all.num_free; ++side) {
+      set.free[side] = all.free[side];
+      for (int k = 0; k < 6; ++k) set.y[side][k] = all.y[side][3 * k + r];
+    }
+  }
 }
 
 double Assembler::rigid_correction(double gap) const {
@@ -655,9 +709,11 @@ void Assembler::multiply_blocks(const std::vector<int>& selection, const Constra
         if (a.free[p] != b.free[q]) continue;
         const double *ya = a.y[p], *yb = b.y[q];
         if (a.rows == 3 && b.rows == 3) {
+          double sums[9] = {};  // not in the block, which could be anywhere for all the compiler knows
           for (int k = 0; k < 6; ++k)
             for (int c = 0; c < 3; ++c)
-              for (int r = 0; r < 3; ++r) block[3 * c + r] += ya[3 * k + r] * yb[3 * k + c];
+              for (int r = 0; r < 3; ++r) sums[3 * c + r] += ya[3 * k + r] * yb[3 * k + c];
+          for (int k = 0; k < 9; ++k) block[k] += sums[k];
         } else {
           for (int k = 0; k < 6; ++k)
             for (int c = 0; c < b.rows; ++c)
@@ -767,7 +823,72 @@ void Assembler::multiply_articulated(const std::vector<int>& selection) {
   }
 }
 
+/// Compliance of rigid equalities that others all but determine (S19), after multiply_articulated(): a Cholesky
+/// factorisation of their part of G, each constraint scaled to 1, the largest pivot first, none below kRedundant.
+void Assembler::soften_redundant(const std::vector<int>& selection) {
+  if (softened_) return;
+  softened_ = true;
+  for (std::size_t g = 0; g < groups_.size(); ++g) {
+    const Group& group = groups_[g];
+    loop_sets_.clear();
+    for (const int i : selection) {
+      Set& set = sets_[static_cast<std::size_t>(i)];
+      const bool rigid = set.source == SetSource::Equality && set.compliance == 0.0;
+      if (rigid && set.articulated >= 0 && set.group == static_cast<int>(g)) loop_sets_.push_back(&set);
+    }
+    const std::size_t n = loop_sets_.size();
+    if (n < 2) continue;
+    const double* product = products_.data() + group.product;
+    const auto entry = [&](const Set& a, const Set& b) {  // of G
+      const auto [c, r] = std::minmax(a.group_row, b.group_row);
+      return -product[static_cast<std::ptrdiff_t>(c) * group.rows + r];
+    };
+    // Rows of one constraint along different axes are one length or one angle: the axis of a plane linkage, which is
+    // moved by rounding alone, must not be scaled up.
+    loop_scale_.resize(n);
+    for (std::size_t k = 0; k < n;) {
+      const Set& first = *loop_sets_[k];
+      double largest = 0.0;
+      std::size_t end = k;
+      for (; end < n && loop_sets_[end]->index == first.index && loop_sets_[end]->row / 3 == first.row / 3; ++end)
+        largest = std::max(largest, entry(*loop_sets_[end], *loop_sets_[end]));
+      for (; k < end; ++k) loop_scale_[k] = largest > 0.0 ? 1.0 / std::sqrt(largest) : 0.0;
+    }
+    loops_.resize(n * n);  // lower triangle, column by column
+    for (std::size_t c = 0; c < n; ++c)
+      for (std::size_t r = c; r < n; ++r)
+        loops_[c * n + r] = entry(*loop_sets_[c], *loop_sets_[r]) * loop_scale_[c] * loop_scale_[r];
+    const auto at = [&](std::size_t r, std::size_t c) -> double& {
+      return loops_[std::min(r, c) * n + std::max(r, c)];
+    };
+    for (std::size_t k = 0; k < n; ++k) {
+      std::size_t largest = k;
+      for (std::size_t i = k + 1; i < n; ++i)
+        if (loops_[i * n + i] > loops_[largest * n + largest]) largest = i;
+      if (largest != k) {
+        for (std::size_t i = k; i < n; ++i)
+          if (i != k && i != largest) std::swap(at(i, k), at(i, largest));
+        std::swap(at(k, k), at(largest, largest));
+        std::swap(loop_sets_[k], loop_sets_[largest]);
+        std::swap(loop_scale_[k], loop_scale_[largest]);
+      }
+      double* column = loops_.data() + k * n;
+      if (!(column[k] >= kRedundant)) {
+        if (loop_scale_[k] > 0.0)
+          loop_sets_[k]->compliance = (kRedundant - column[k]) / (loop_scale_[k] * loop_scale_[k]);
+        column[k] = kRedundant;
+      }
+      const double inverse = 1.0 / column[k];
+      for (std::size_t c = k + 1; c < n; ++c) {
+        const double factor = column[c] * inverse;
+        for (std::size_t r = c; r < n; ++r) loops_[c * n + r] -= factor * column[r];
+      }
+    }
+  }
+}
+
 void Assembler::clear() {
+  softened_ = false;
   sets_.clear();
   terms_.clear();
   selection_.clear();
@@ -825,6 +946,7 @@ void Assembler::write_problem() {
     constraint_sets_.add(all_sets_[i]);
   }
   multiply_articulated(selection_);
+  soften_redundant(selection_);
   // One group that holds all rows: its product is G.
   const bool coupled = groups_.size() == 1 && groups_[0].rows == rows && rows <= kCoupledRows &&
                        std::all_of(selection_.begin(), selection_.end(),
@@ -913,14 +1035,15 @@ bool Assembler::select_violated(const ConstVectorRef& impulse, Law law, VectorRe
 
 ContactProblem Assembler::whole_problem() {
   std::vector<int> all(sets_.size());
-  Vector compliance = Vector::Zero(rows_);
   for (std::size_t i = 0; i < sets_.size(); ++i) {
     all[i] = static_cast<int>(i);
     build_rows(sets_[i]);
-    compliance[sets_[i].start + sets_[i].rows - 1] = sets_[i].compliance;
   }
   const auto delassus = std::make_shared<BlockDelassus>();
   multiply_articulated(all);
+  soften_redundant(all);
+  Vector compliance = Vector::Zero(rows_);
+  for (const Set& set : sets_) compliance[set.start + set.rows - 1] = set.compliance;
   multiply_blocks(all, all_sets_, *delassus);
   return ContactProblem(delassus, g_, all_sets_, compliance);
 }

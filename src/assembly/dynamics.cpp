@@ -49,6 +49,11 @@ Inertia in_world(const Placement& frame, double mass, const Vector3& center, con
   return result;
 }
 
+/// y -= factor x. Between the ancestors of a velocity lie zeros: going over them is faster than around them.
+inline void subtract(Index count, double factor, const double* __restrict x, double* __restrict y) {
+  for (Index k = 0; k < count; ++k) y[k] -= factor * x[k];
+}
+
 Eigen::Quaterniond quaternion(const ConstVectorRef& q, Index at) { return {q[at + 3], q[at], q[at + 1], q[at + 2]}; }
 
 }  // namespace
@@ -68,6 +73,7 @@ struct Dynamics::Impl {
   std::vector<double> motion;
   Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> mass, lower;
   Vector sqrt_d, inverse_sqrt_d;
+  std::vector<Index> root;  // first velocity on the way to the root in the factor
 
   Vector implicit;  // what factor() was last given for the free bodies
   struct Whitener {
@@ -96,6 +102,10 @@ Dynamics::Dynamics(std::shared_ptr<const World> world) : world_(std::move(world)
   s.mass.setZero(w.nv_articulated, w.nv_articulated);
   s.lower.setZero(w.nv_articulated, w.nv_articulated);
   s.sqrt_d.setZero(w.nv_articulated), s.inverse_sqrt_d.setZero(w.nv_articulated);
+  for (Index k = 0; k < w.nv_articulated; ++k) {
+    const int parent = w.factor_parent[static_cast<std::size_t>(k)];
+    s.root.push_back(parent < 0 ? k : s.root[static_cast<std::size_t>(parent)]);
+  }
   s.free.resize(w.free_bodies.size());
   s.implicit = Vector::Constant(w.num_v, -1.0);
 
@@ -348,14 +358,14 @@ bool Dynamics::factor(const ConstVectorRef& implicit) {
   for (Index k = n - 1; k >= 0; --k) {
     double* row = s.lower.data() + k * n;
     const double inverse = 1.0 / row[k];
+    const Index root = s.root[static_cast<std::size_t>(k)];
     good = good && row[k] > 0.0;
     s.sqrt_d[k] = std::sqrt(row[k]);
     s.inverse_sqrt_d[k] = 1.0 / s.sqrt_d[k];
     for (int i = w.factor_parent[static_cast<std::size_t>(k)]; i >= 0;
          i = w.factor_parent[static_cast<std::size_t>(i)]) {
       const double factor = row[i] * inverse;
-      double* above = s.lower.data() + i * n;
-      for (int j = i; j >= 0; j = w.factor_parent[static_cast<std::size_t>(j)]) above[j] -= factor * row[j];
+      subtract(i + 1 - root, factor, row + root, s.lower.data() + i * n + root);
       row[i] = factor;
     }
   }

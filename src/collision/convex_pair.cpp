@@ -16,6 +16,11 @@ constexpr int kNewtonSteps = 12;
 constexpr double kNewtonDone = 1e-12;  // [rad]
 // Faces this near to the normal take part with all their area, if the normal is a face's and if it is not.
 constexpr double kFaceCosine = 0.8, kFaceCosineFree = 0.95;
+// What is followed from the last step: faces within about 8 degrees of its normal; a face nearer than 0.001 rad must be
+// what touches, else the pair is searched anew. kOnFeature: relative to the smaller shape.
+constexpr double kFollowCosine = 0.99, kAlongFace = 1.0 - 5e-7, kOnFeature = 1e-9;
+constexpr int kMostEdges = 32;         // at a corner that is followed
+constexpr double kFollowSlope = 0.02;  // square of the sine of an edge with the plane of contact, at most
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 /// A normal from a to b, how far it separates the cores, and what the closest points are determined by.
@@ -138,6 +143,85 @@ struct ConvexPair::Search {
     }
   }
 
+  enum class Followed { Lost, Apart, Found };
+
+  /// Starts from the normal of the last step. Apart if it still holds the cores more than `reach` apart. Found if two
+  /// features of hulls next to it (a face and a corner, or two edges) separate the hulls, and the closest points of
+  /// their planes and lines lie on them: no other normal separates more then, or, in an overlap, none near by.
+  Followed follow(double reach, const PairMemory& memory) {
+    const double length = memory.guess.norm();
+    if (!(length > 0.0 && length < kInfinity) || memory.guess == PairMemory().guess) return Followed::Lost;
+    const Vector3 normal = memory.guess / -length;
+    hint_a = memory.hint_a, hint_b = memory.hint_b;
+    const Vector3 a = difference.support_a(normal, hint_a), b = difference.support_b(-normal, hint_b);
+    if (normal.dot(b - a) > reach) return Followed::Apart;
+    if (!difference.a->hull || !difference.b->hull) return Followed::Lost;
+    const Hull &hull_a = *difference.a->hull, &hull_b = *difference.b->hull;
+    const Vector3 normal_b = -(difference.inverse_rotation * normal);
+    const int vertex_a = hint_a, vertex_b = hint_b;
+    if (hull_a.corner_count(vertex_a) == 0 || hull_b.corner_count(vertex_b) == 0) return Followed::Lost;
+    bool along_face = false;
+    // A face of either hull, and a corner of the other one over it.
+    const auto touches = [&](const Hull& hull, int vertex, const Vector3& direction, const Vector3& corner, int face) {
+      const Vector3& n = hull.face_normals[face];
+      return hull.holds(face, corner - n * n.dot(corner - hull.vertices[vertex]), kOnFeature * scale) &&
+             n.dot(direction) >= kFollowCosine;
+    };
+    const int face_a = hull_a.face_along(vertex_a, normal), face_b = hull_b.face_along(vertex_b, normal_b);
+    if (hull_a.face_normals[face_a].dot(normal) >= kFollowCosine) {
+      const Vector3& n = hull_a.face_normals[face_a];
+      along_face = n.dot(normal) >= kAlongFace;
+      const Vector3 corner = difference.support_b(-n, hint_b);
+      if (touches(hull_a, vertex_a, normal, corner, face_a) && propose(n, Axis::CornerOfB, true))
+        return deep() ? Followed::Lost : Followed::Found;
+    }
+    if (hull_b.face_normals[face_b].dot(normal_b) >= kFollowCosine) {
+      const Vector3 n = -(difference.rotation * hull_b.face_normals[face_b]);
+      along_face = along_face || n.dot(normal) >= kAlongFace;
+      const Vector3 corner = difference.support_a(n, hint_a);
+      const Vector3 in_b = difference.inverse_rotation * (corner - difference.translation);
+      if (touches(hull_b, vertex_b, normal_b, in_b, face_b) && propose(n, Axis::CornerOfA, true))
+        return deep() ? Followed::Lost : Followed::Found;
+    }
+    if (along_face) return Followed::Lost;
+    // Two edges that cross when seen along the normal.
+    const auto is_flat = [](const Vector3& edge, const Vector3& direction) {
+      const double slope = edge.dot(direction);
+      return slope * slope <= kFollowSlope * edge.squaredNorm();
+    };
+    std::array<Vector3, kMostEdges> edges_b;
+    int count_b = 0;
+    for (int j = hull_b.corner_begin[vertex_b]; j < hull_b.corner_begin[vertex_b + 1] && count_b < kMostEdges; ++j)
+      if (const Vector3 edge = hull_b.edge(j); is_flat(edge, normal_b)) edges_b[count_b++] = difference.rotation * edge;
+    const Vector3 offset = b - a;
+    for (int i = hull_a.corner_begin[vertex_a]; count_b > 0 && i < hull_a.corner_begin[vertex_a + 1]; ++i) {
+      const Vector3 edge_a = hull_a.edge(i);
+      if (!is_flat(edge_a, normal)) continue;
+      const Vector3 across = offset.cross(edge_a);
+      for (int j = 0; j < count_b; ++j) {
+        const Vector3& edge_b = edges_b[j];
+        const Vector3 twist = edge_a.cross(edge_b);
+        const double square = twist.squaredNorm(), along = twist.dot(normal), at_b = across.dot(twist);
+        if (!(at_b >= 0.0 && at_b <= square && square > 0.0)) continue;
+        const double at_a = offset.cross(edge_b).dot(twist);
+        if (!(at_a >= 0.0 && at_a <= square && along * along > kFollowCosine * kFollowCosine * square)) continue;
+        const Vector3 n = twist * ((along < 0.0 ? -1.0 : 1.0) / std::sqrt(square));
+        if (!propose(n, Axis::Edges)) continue;
+        if (best.separation < n.dot(offset) - kOnFeature * scale) {  // the hulls reach beyond these edges
+          best = Axis();
+          continue;
+        }
+        best.edge_a = edge_a, best.edge_b = edge_b;
+        best.on_a = a, best.on_b = b;
+        return deep() ? Followed::Lost : Followed::Found;
+      }
+    }
+    return Followed::Lost;
+  }
+
+  /// So deep that other normals may do better.
+  bool deep() const { return best.separation < -kDeep * scale; }
+
   /// Where GJK and EPA give nothing to start from: many starts.
   void search_everywhere(const Vector3& guess) {
     const auto from = [&](const Vector3& direction) { search_from(direction); };
@@ -161,13 +245,19 @@ struct ConvexPair::Search {
   /// False if the cores are more than `reach` apart.
   bool run(double reach, PairMemory& memory, const std::array<Vector3, 2>* likely) {
     best = Axis();
+    if (!likely) {
+      const Followed followed = follow(reach, memory);
+      if (followed == Followed::Apart) return memory.hint_a = hint_a, memory.hint_b = hint_b, false;
+      if (followed == Followed::Found) return remember(memory), best.separation <= reach;
+      best = Axis();
+    }
     const Vector3 guess = memory.guess;
     const ClosestSearch::Outcome outcome = closest_search.run(difference, reach, scale, memory);
     if (outcome == ClosestSearch::Apart) return false;
     hint_a = memory.hint_a, hint_b = memory.hint_b;
     if (outcome == ClosestSearch::Found) polish(closest_search.normal, Axis::Searched, closest_search.farthest);
     // EPA can lose its way where the cores just touch, and then reports a depth along some other side.
-    if (outcome == ClosestSearch::Failed || best.separation < -kDeep * scale) {
+    if (outcome == ClosestSearch::Failed || deep()) {
       if (!likely) {
         search_everywhere(guess);
       } else {
@@ -176,10 +266,14 @@ struct ConvexPair::Search {
       }
     }
     if (!(best.separation > -kInfinity)) return false;
+    remember(memory);
+    return best.separation <= reach;
+  }
+
+  void remember(PairMemory& memory) const {
     // Not shorter than this: GJK would take it for the origin.
     memory.guess = -std::max(std::abs(best.separation), 1e-3 * scale) * best.normal;
     memory.hint_a = hint_a, memory.hint_b = hint_b;
-    return best.separation <= reach;
   }
 
   /// The closest points of the inflated shapes, in the frame of a.

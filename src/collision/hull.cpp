@@ -131,6 +131,28 @@ void Hull::merge_faces(const ConvexMesh& mesh, const std::string& field) {
   }
 }
 
+int Hull::face_along(int vertex, const Vector3& direction) const {
+  int best = corner_faces[corner_begin[vertex]];
+  double cosine = face_normals[best].dot(direction);
+  for (int corner = corner_begin[vertex] + 1; corner < corner_begin[vertex + 1]; ++corner) {
+    const double own = face_normals[corner_faces[corner]].dot(direction);
+    if (own > cosine) best = corner_faces[corner], cosine = own;
+  }
+  return best;
+}
+
+bool Hull::holds(int face, const Vector3& point, double tolerance) const {
+  Vector3 from = vertices[face_vertices[face_begin[face + 1] - 1]];
+  for (int place = face_begin[face]; place < face_begin[face + 1]; ++place) {
+    const Vector3& to = vertices[face_vertices[place]];
+    const Vector3 inwards = face_normals[face].cross(to - from);
+    const double height = inwards.dot(point - from);
+    if (height < 0.0 && height * height > tolerance * tolerance * inwards.squaredNorm()) return false;
+    from = to;
+  }
+  return true;
+}
+
 int Hull::support(const Vector3& direction, int& hint) const {
   const int count = static_cast<int>(vertices.size());
   if (count < kScanBelow) {

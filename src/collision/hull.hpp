@@ -22,6 +22,16 @@ struct Hull {
   /// The vertex farthest along `direction`, found by walking uphill from `hint`, which receives it.
   int support(const Vector3& direction, int& hint) const;
 
+  /// The face at a vertex whose normal is nearest to `direction`.
+  int face_along(int vertex, const Vector3& direction) const;
+  /// Whether a point in the plane of a face is inside its loop, or within `tolerance` [m] of it.
+  bool holds(int face, const Vector3& point, double tolerance) const;
+  /// From the vertex of a corner to the next one on the corner's face: each edge at a vertex once, over its corners.
+  Vector3 edge(int corner) const {
+    const int place = corner_places[corner];
+    return vertices[after(corner_faces[corner], place)] - vertices[face_vertices[place]];
+  }
+
   int corner_count(int vertex) const { return corner_begin[vertex + 1] - corner_begin[vertex]; }
   int face_size(int face) const { return face_begin[face + 1] - face_begin[face]; }
   /// The vertices before and after place `place` of the loop of `face`.

@@ -7,18 +7,13 @@
 #include <string>
 
 #include "explicit_system.hpp"
+#include "require.hpp"
 #include "signorini/errors.hpp"
 
 namespace signorini {
 namespace {
 
 constexpr double kLargest = 1e100;
-
-bool within_bounds(const double* values, Index count) {
-  bool good = true;
-  for (Index k = 0; k < count; ++k) good &= std::abs(values[k]) <= kLargest;  // false for NaN
-  return good;
-}
 
 }  // namespace
 
@@ -61,7 +56,7 @@ void BlockDelassus::check(const ConstraintSets& sets) const {
   bool fits = sets.num_sets() == num_sets();
   for (int i = 0; fits && i < static_cast<int>(num_sets()); ++i) fits = sets[i].size() == size_of(i);
   if (!fits) throw InvalidInput("sets", "are not those that the Delassus operator was reset with");
-  if (within_bounds(values_.data(), static_cast<Index>(values_.size()))) return;
+  if (sum_is_bounded(values_.data(), static_cast<Index>(values_.size()))) return;
   // The upper triangles of the diagonal blocks are never read, and may hold anything.
   const auto refuse = [](int i, int j, double value) {
     std::ostringstream message;

@@ -389,6 +389,37 @@ def test_a_closed_loop_stays_closed_for_ten_seconds():
     assert certified(simulator)
 
 
+@pytest.mark.parametrize("tilt", [1e-8, 1e-6])
+def test_a_plane_linkage_whose_axes_are_not_quite_parallel_turns_freely(tilt):
+    """Rigid to the last digit it could not move at all: the rows that say so are rounding, and must not act."""
+    builder = WorldBuilder()
+    for i in range(3):
+        builder.add_body(
+            f"link{i}",
+            parent=f"link{i - 1}" if i else "world",
+            position=(0.5 if i else 0.0, 0.0, 0.0),
+            joints=[Joint(f"hinge{i}", "revolute", axis=(tilt * (i - 1), 1.0, tilt * i))],
+            mass=1.0,
+            center=(0.25, 0.0, 0.0),
+            inertia=np.diag([1e-4, 0.25 / 12, 0.25 / 12]),
+        )
+    builder.add_connect("world", "link2", (0.6, 0.0, 0.0), (0.5, 0.0, 0.0))
+    simulator = Simulator(builder.build())
+    simulator.state.q[:] = _close_three_bars(0.6)
+    simulator.state.v[0] = 2.0
+    simulator.step()
+    start = simulator.energy.total
+    turned = gap = 0.0
+    for _ in range(200):
+        simulator.run(10)
+        assert simulator.energy.total < start + 0.01
+        turned = max(turned, abs(simulator.state.q[0] - _close_three_bars(0.6)[0]))
+        gap = max(gap, np.abs(simulator.world.constraint_gaps(simulator.state.q)).max())
+    assert turned > 0.3
+    assert gap < 1e-6
+    assert certified(simulator)
+
+
 def _close_three_bars(distance, length=0.5):
     """Angles of a symmetric four-bar linkage whose ground link has this length, bars hanging down."""
     lean = np.arccos((distance - length) / 2 / length)

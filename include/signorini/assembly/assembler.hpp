@@ -117,12 +117,14 @@ class Assembler {
  private:
   Set& new_set(SetSource source, int index, int row, int rows);
   double* articulated_columns(Set& set);
-  void add_point(const Dynamics& dynamics, Set& set, int frame, const Vector3& point, double sign);
+  void add_point(const Dynamics& dynamics, Set& set, int frame, const Vector3& point, double sign, std::size_t shared);
   void add_rotation(const Dynamics& dynamics, Set& set, int frame, double sign);
   void add_velocity(Set& set, Index v, double factor);
   void add_term(Set& set, Index v, double factor);
   void add_tendon_terms(Set& set, int tendon, double factor);
   void build_rows(Set& set);
+  void build_point_rows(Set& set);
+  void build_loop_rows(Set& first);
   void whiten(Set& set);
   /// velocity = J u of a set; twists: those of the frames at u.
   void set_velocity(const Set& set, const ConstVectorRef& u, const std::vector<Twist>& twists, double* velocity) const;
@@ -137,6 +139,7 @@ class Assembler {
   /// G of the sets of `selection`, whose rows are `sets`, after multiply_articulated().
   void multiply_blocks(const std::vector<int>& selection, const ConstraintSets& sets, BlockDelassus& delassus);
   void multiply_articulated(const std::vector<int>& selection);
+  void soften_redundant(const std::vector<int>& selection);
   void write_problem();
   double largest_left_out();
   void add_loads(const Set& a, const Set& b, double* block) const;
@@ -185,6 +188,9 @@ class Assembler {
   std::vector<std::vector<int>> sets_of_free_;
   std::vector<int> touched_free_;
   std::vector<int> partners_;
+  bool softened_ = false;  // soften_redundant() has been, for these sets
+  std::vector<Set*> loop_sets_;
+  std::vector<double> loop_scale_, loops_;
   std::vector<BlockDelassus::Pair> pairs_;
   ConstraintSets all_sets_, constraint_sets_;  // of sets_, and of those in the problem
   std::vector<int> selection_;                 // the sets in the problem

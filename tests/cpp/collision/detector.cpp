@@ -1,7 +1,9 @@
 // Many geometries over many steps: who meets whom, which point is which, what is remembered.
 #include "signorini/collision/detector.hpp"
 
+#include <algorithm>
 #include <boost/test/unit_test.hpp>
+#include <cmath>
 #include <cstdlib>
 #include <map>
 #include <set>
@@ -152,6 +154,38 @@ BOOST_AUTO_TEST_CASE(each_old_point_has_one_heir_and_no_number_comes_back) {
   }
   BOOST_TEST(total > 2000u);
   BOOST_TEST(matched > total * 8 / 10);
+}
+
+BOOST_AUTO_TEST_CASE(hulls_followed_from_step_to_step_are_as_far_apart_as_hulls_seen_for_the_first_time) {
+  const Shape shapes[] = {Shape::convex(cube_mesh({0.05, 0.04, 0.03})),
+                          Shape::convex(globe_mesh({0.05, 0.04, 0.06}, 7, 9)), Shape::convex(random_mesh(3, 40, 0.05))};
+  Dice dice(5);
+  int near = 0, overlapping = 0;
+  for (const Shape& a : shapes)
+    for (const Shape& b : shapes) {
+      const std::vector<CollisionGeometry> geometries{{a, 1, {}}, {b, 2, {}}};
+      Detector warm(geometries, {{0, 1}});
+      std::vector<Placement> frames{{}, {}, dice.placement(0.0)};
+      const Vector3 axis = dice.vector(1.0);
+      frames[2].translation = {0.0, 0.0, 0.14};
+      for (int k = 0; k < 1000; ++k) {  // comes down until it touches, then rolls over the other one, up and down
+        frames[2].rotation = turn(2e-3, axis) * frames[2].rotation;
+        frames[2].translation += Vector3(2e-5 * std::sin(0.01 * k), 2e-5 * std::cos(0.013 * k), 0.0);
+        Detector cold(geometries, {{0, 1}});
+        const std::vector<ContactPoint>& points = warm.detect(frames);
+        const double distance = least_distance(cold.detect(frames));
+        BOOST_TEST_REQUIRE(points.empty() == cold.points().empty());
+        if (points.empty()) {
+          frames[2].translation[2] -= 2e-4;
+          continue;
+        }
+        ++near, overlapping += distance < 0.0;
+        BOOST_TEST_REQUIRE(std::abs(least_distance(points) - distance) < 1e-9);
+        frames[2].translation[2] += std::clamp(3e-5 * std::sin(0.05 * k) - 0.2 * distance, -1e-3, 1e-3);
+      }
+    }
+  BOOST_TEST(near > 3000);
+  BOOST_TEST(overlapping > 1000);
 }
 
 BOOST_AUTO_TEST_CASE(reset_forgets) {
