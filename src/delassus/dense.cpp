@@ -4,6 +4,7 @@
 #include <sstream>
 #include <string>
 
+#include "dense_kernels.hpp"
 #include "explicit_system.hpp"
 #include "islands.hpp"
 #include "signorini/errors.hpp"
@@ -14,6 +15,11 @@ namespace {
 
 /// Whether the block of two sets, i after j, is there: by the one above the diagonal, which lies in i's columns.
 bool acts(const Matrix& matrix, const ConstraintSet& i, const ConstraintSet& j) {
+  if (i.size() == 3 && j.size() == 3) {
+    const double *a = &matrix(j.offset, i.offset), *b = a + matrix.rows(), *c = b + matrix.rows();
+    return bool((a[0] != 0.0) | (a[1] != 0.0) | (a[2] != 0.0) | (b[0] != 0.0) | (b[1] != 0.0) | (b[2] != 0.0) |
+                (c[0] != 0.0) | (c[1] != 0.0) | (c[2] != 0.0));
+  }
   for (Index c = 0; c < i.size(); ++c) {
     const double* column = &matrix(j.offset, i.offset + c);
     for (Index r = 0; r < j.size(); ++r)
@@ -41,7 +47,10 @@ DenseDelassus::DenseDelassus(const Eigen::Ref<const Matrix>& matrix) {
   matrix_ = 0.5 * (matrix + matrix.transpose());
 }
 
-void DenseDelassus::apply(const ConstVectorRef& x, VectorRef y) const { y.noalias() = matrix_ * x; }
+void DenseDelassus::apply(const ConstVectorRef& x, VectorRef y) const {
+  const auto n = static_cast<int>(size());
+  dense_kernels().multiply(n, n, matrix_.data(), n, x.data(), y.data());
+}
 
 void DenseDelassus::diagonal(VectorRef diagonal) const { diagonal = matrix_.diagonal(); }
 
@@ -70,8 +79,8 @@ std::vector<int> DenseDelassus::islands(const ConstraintSets& sets) const {
 void DenseDelassus::label_islands(const ConstraintSets& sets, std::vector<int>& labels) const {
   const auto count = static_cast<int>(sets.num_sets());
   IslandForest forest(count, labels);
-  for (int i = 1; i < count && forest.trees() > 1; ++i)
-    for (int j = i - 1; j >= 0; --j)
+  for (int i = 1; i < count; ++i)
+    for (int j = i - 1; j >= 0 && forest.trees() > count - i; --j)  // until all up to i are one
       if (!forest.joined(i, j) && acts(matrix_, sets[i], sets[j])) forest.join(i, j);
   forest.finish();
 }

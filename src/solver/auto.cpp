@@ -13,14 +13,15 @@ namespace signorini {
 namespace {
 
 constexpr double kAim = 1e-4;  // of the tolerance: what Newton aims at from a guess, if the settings do not say
-// Sweeps: at least kFirstSweeps, and on while kMoreSweeps more would do, at the rate of the last kFirstSweeps.
-constexpr int kFirstSweeps = 3, kMoreSweeps = 30, kMostSweeps = 100;
+// Sweeps: at least kFirstSweeps, and on while so many more would do, at the rate of the last kFirstSweeps; fewer where
+// nothing slips, since Newton is good there.
+constexpr int kFirstSweeps = 3, kMoreSweeps = 30, kMoreSticking = 10, kMostSweeps = 100;
 constexpr double kLoose = 1e-6;  // what is aimed at from a guess from which on sweeps come before Newton
 // Certificate after sweeps below which proximal Newton goes on, aiming at kLoose or not; and, over that after one
 // sweep, above which they lead nowhere.
 constexpr double kNear = 2e-2, kNearer = 1e-2, kStuck = 1.5;
 constexpr int kSweptNewton = 3, kSweptProximal = 16, kSweptPatience = 6, kSweepsBetween = 20;
-constexpr ActiveSearch kSweptSearch{1e-5, 0.3};
+constexpr ActiveSearch kSweptSearch{1e-5, 0.3, true};
 constexpr int kWarmNewton = 5;  // iterations granted to Newton from a guess
 constexpr int kWarmPatience = 8, kWarmSteps = 15;
 constexpr double kFirstFinish = 1e-6;    // certificate at which Newton first tries to finish
@@ -305,7 +306,7 @@ class Ladder {
     const double target = guess ? aim_ : tolerance_;
     sweeps.start(problem_, guess);
     double relative = sweeps.relative(problem_), first = relative;  // first: after one sweep
-    double last[kFirstSweeps], soon = 0.0;  // before the last ones; what kMoreSweeps would leave
+    double last[kFirstSweeps], soon = 0.0;                          // before the last ones; what more would leave
     if (guess) offer(sweeps.impulse(), relative, SolverType::Auto);
     for (int count = 0; relative > target && soon <= target && count < kMostSweeps; ++iterations) {
       last[count++ % kFirstSweeps] = relative;
@@ -313,8 +314,9 @@ class Ladder {
       relative = sweeps.relative(problem_);
       if (count == 1) first = relative;
       if (observe_) observe_(sweeps.impulse(), factorizations);
-      if (count >= kFirstSweeps)
-        soon = relative * std::pow(relative / last[count % kFirstSweeps], double(kMoreSweeps) / kFirstSweeps);
+      if (count < kFirstSweeps) continue;
+      const double more = sweeps.slips() ? kMoreSweeps : kMoreSticking;
+      soon = relative * std::pow(relative / last[count % kFirstSweeps], more / kFirstSweeps);
     }
     offer(sweeps.impulse(), relative, SolverType::Pgs);
     if (relative <= target || !std::isfinite(relative)) return done();
@@ -334,7 +336,7 @@ class Ladder {
 
   /// Hardly damped: where nothing slips the equations are linear, but for contacts that open or begin to slip.
   bool newton_from_sweeps(double target) {
-    w_.newton.l = w_.sweeps.impulse();
+    w_.newton.l = w_.sweeps.impulse(), w_.newton.t = w_.sweeps.velocity();
     const NewtonResult result = active_newton_iterations(problem_, tolerance_, target, kSweptNewton, w_.newton,
                                                          observer(), 0.0, nullptr, kSweptSearch);
     iterations += result.iterations;

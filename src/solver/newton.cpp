@@ -317,7 +317,8 @@ NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, 
     problem.system->solve_reduced(m.rhs);
     expand(problem, m.reduced, m.jump, m.rhs, m.direction);
   };
-  double relative = evaluate(m.l, m.t, m.natural);
+  double relative =
+      search.velocity_known ? natural_residual(problem, Law::Ncp, m.l, m.t, m.natural) : evaluate(m.l, m.t, m.natural);
   const auto accept = [&](double accepted) {
     swap(m.l, m.trial);
     swap(m.t, m.trial_t);

@@ -17,6 +17,7 @@ class BlockSweeps {
   /// The certificate of impulse().
   double relative(const ScaledProblem& problem);
   const GrowVector& impulse() const { return l_; }
+  const GrowVector& velocity() const { return t_; }  ///< A impulse() + b
   /// Whether a contact slipped in the last sweep.
   bool slips() const { return slips_; }
 

@@ -38,6 +38,7 @@ NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance
 struct ActiveSearch {
   double delta = 1e-2;                                         ///< damping, of the residual
   double most_left = std::numeric_limits<double>::infinity();  ///< of the residual by an iteration, else it gives up
+  bool velocity_known = false;                                 ///< memory.t is that of memory.l
 };
 
 /// Semismooth Newton on Alart and Curnier's equations of the NCP, reduced to the rows that are active (section 9 of
