@@ -13,12 +13,12 @@ namespace signorini {
 namespace {
 
 constexpr double kAim = 1e-4;  // of the tolerance: what Newton aims at from a guess, if the settings do not say
-// Sweeps: at least kFirstSweeps, and on while so many more would do, at the rate of the last kFirstSweeps; fewer where
-// nothing slips, since Newton is good there.
-constexpr int kFirstSweeps = 3, kMoreSweeps = 30, kMoreSticking = 10, kMostSweeps = 100;
+// Sweeps: at least kFirstSweeps, and on while so many more would do, at the rate of the last kFirstSweeps. Few where
+// nothing slips, since Newton is good there, and in islands of more than kPatch sets, where something stalls.
+constexpr int kFirstSweeps = 3, kMoreSweeps = 30, kFewSweeps = 10, kMostSweeps = 100;
 constexpr double kLoose = 1e-6;  // what is aimed at from a guess from which on sweeps come before Newton
 // Certificate after sweeps below which proximal Newton goes on, aiming at kLoose or not; and, over that after one
-// sweep, above which they lead nowhere.
+// sweep, above which they lead nowhere when aiming at kLoose; else above 1.
 constexpr double kNear = 2e-2, kNearer = 1e-2, kStuck = 1.5;
 constexpr int kSweptNewton = 3, kSweptProximal = 16, kSweptPatience = 6, kSweepsBetween = 20;
 constexpr ActiveSearch kSweptSearch{1e-5, 0.3, true};
@@ -304,6 +304,7 @@ class Ladder {
   bool sweep(const GrowVector* guess) {
     BlockSweeps& sweeps = w_.sweeps;
     const double target = guess ? aim_ : tolerance_;
+    const bool large = problem_.sets.num_sets() > kPatch;
     sweeps.start(problem_, guess);
     double relative = sweeps.relative(problem_), first = relative;  // first: after one sweep
     double last[kFirstSweeps], soon = 0.0;                          // before the last ones; what more would leave
@@ -315,7 +316,7 @@ class Ladder {
       if (count == 1) first = relative;
       if (observe_) observe_(sweeps.impulse(), factorizations);
       if (count < kFirstSweeps) continue;
-      const double more = sweeps.slips() ? kMoreSweeps : kMoreSticking;
+      const double more = sweeps.slips() && !large ? kMoreSweeps : kFewSweeps;
       soon = relative * std::pow(relative / last[count % kFirstSweeps], more / kFirstSweeps);
     }
     offer(sweeps.impulse(), relative, SolverType::Pgs);
@@ -323,8 +324,8 @@ class Ladder {
 
     const bool loose = target >= kLoose;
     const bool far = relative > (guess || loose ? kNear : kNearer);
-    if (!guess && (relative > kStuck * first || (far && sweeps.slips()))) return false;
-    if (!sweeps.slips() && newton_from_sweeps(target)) return true;
+    if (!guess && (relative > (loose ? kStuck : 1.0) * first || (far && sweeps.slips()))) return false;
+    if (!sweeps.slips() && !large && newton_from_sweeps(target)) return true;
     if (!guess && far) return false;
     const int rounds = loose ? 2 : 1;
     for (int round = 0; round < rounds && !out_of_budget(); ++round) {
