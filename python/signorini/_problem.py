@@ -122,7 +122,8 @@ class ContactProblem:
         name: str = "",
         check: bool = True,
     ) -> None:
-        if _arrays.is_sparse(delassus):
+        self._dense = not _arrays.is_sparse(delassus)
+        if not self._dense:
             given = _arrays.csc("delassus", delassus)
             _square("delassus", given.shape)
             operator = _core.sparse_delassus(_arrays.csc_arrays(given))
@@ -159,6 +160,7 @@ class ContactProblem:
             raise InvalidInputError(f"jacobian: has {j.shape[1]} columns, must have the {m.shape[0]} of mass")
         operator = _core.mass_space_delassus(_arrays.csc_arrays(m), _arrays.csc_arrays(j))
         self = cls.__new__(cls)
+        self._dense = False
         self._mass, self._jacobian = m, j
         self._build(operator, free_velocity, friction, compliance, constraints, name, check)
         return self
@@ -271,7 +273,10 @@ class ContactProblem:
     def __reduce__(self) -> tuple[Any, ...]:
         pure = self._constraints is None
         arguments: tuple[Any, ...]
-        arguments = (self._mass, self._jacobian) if self._mass is not None else (self.delassus,)
+        if self._mass is not None:
+            arguments = (self._mass, self._jacobian)
+        else:  # the same operator again, which rounds alike
+            arguments = (self.delassus.toarray() if self._dense else self.delassus,)
         return _rebuild, (
             arguments,
             self._free_velocity,

@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <sstream>
 #include <string>
 
 #include "explicit_system.hpp"
+#include "islands.hpp"
 #include "require.hpp"
 #include "signorini/errors.hpp"
 
@@ -126,23 +126,9 @@ std::vector<int> BlockDelassus::islands(const ConstraintSets& sets) const {
 }
 
 void BlockDelassus::label_islands(const ConstraintSets&, std::vector<int>& labels) const {
-  // A forest in the labels themselves: each set points at one of lower number, or at itself.
-  labels.resize(static_cast<std::size_t>(num_sets()));
-  std::iota(labels.begin(), labels.end(), 0);
-  const auto root = [&labels](int i) {
-    while (labels[i] != i) i = labels[i] = labels[labels[i]];
-    return i;
-  };
-  auto trees = static_cast<int>(num_sets());
-  for (std::size_t k = 0; k < pairs_.size() && trees > 1; ++k) {
-    const int i = root(pairs_[k].first), j = root(pairs_[k].second);
-    if (i == j) continue;
-    labels[std::max(i, j)] = std::min(i, j);
-    --trees;
-  }
-  // Roots first: a set's root has a lower number, and so has its label by the time it is asked for.
-  int next = 0;
-  for (int& label : labels) label = &label - labels.data() == label ? next++ : labels[label];
+  IslandForest forest(static_cast<int>(num_sets()), labels);
+  for (std::size_t k = 0; k < pairs_.size() && forest.trees() > 1; ++k) forest.join(pairs_[k].first, pairs_[k].second);
+  forest.finish();
 }
 
 std::shared_ptr<const DelassusOperator> BlockDelassus::restrict(const std::vector<Index>& rows) const {
@@ -195,6 +181,7 @@ void BlockDelassus::prepare(const ConstraintSets& sets, const ConstVectorRef& sc
                             std::unique_ptr<ScaledDelassus>& system) const {
   auto* known = dynamic_cast<ExplicitSystem*>(system.get());
   if (!known) system.reset(known = new ExplicitSystem);
+  known->stride = 0;
   known->diagonal.resize(static_cast<std::size_t>(num_sets()));
   for (std::size_t i = 0; i < known->diagonal.size(); ++i) known->diagonal[i] = values_.data() + diagonal_starts_[i];
   known->blocks.resize(pairs_.size());
@@ -208,6 +195,7 @@ void BlockDelassus::prepare_part(const ConstraintSets&, const std::vector<int>& 
                                  std::unique_ptr<ScaledDelassus>& system) const {
   auto* known = dynamic_cast<ExplicitSystem*>(system.get());
   if (!known) system.reset(known = new ExplicitSystem);
+  known->stride = 0;
   const auto count = static_cast<int>(part.size());
   known->local.resize(static_cast<std::size_t>(num_sets()));
   known->diagonal.resize(part.size());

@@ -226,6 +226,20 @@ void multiply(int m, int n, const double* a, int lda, const double* x, double* y
   if (i < m) product_rows<1, true>(n, a + i, lda, x, y + i, m - i);
 }
 
+void add_three(int m, const double* a, int lda, const double* x, double* y) {
+  const V x0 = spread(x[0]), x1 = spread(x[1]), x2 = spread(x[2]);
+  int i = 0;
+  for (; i + W <= m; i += W, a += W) {
+    const V sum = plus_product(plus_product(load(y + i), load(a), x0), load(a + lda), x1);
+    store(y + i, plus_product(sum, load(a + 2 * lda), x2));
+  }
+  if (i < m) {
+    const int r = m - i;
+    const V sum = plus_product(plus_product(load(y + i, r), load(a, r), x0), load(a + lda, r), x1);
+    store(y + i, plus_product(sum, load(a + 2 * lda, r), x2), r);
+  }
+}
+
 void symmetric_update(int n, int k, const double* a, double* c) { symmetric_minus(n, 0, k, a, n, c, n); }
 
 int factor_front(int p, int u, double* l, double* up, double* s, int* pivots) {

@@ -25,6 +25,8 @@ struct DenseKernels {
   void (*symmetric_update)(int n, int k, const double* a, double* c);
   /// y = A x, A of m x n; y must not be x.
   void (*multiply)(int m, int n, const double* a, int lda, const double* x, double* y);
+  /// y += A x, A of m x 3.
+  void (*add_three)(int m, const double* a, int lda, const double* x, double* y);
 };
 
 const DenseKernels& dense_kernels();

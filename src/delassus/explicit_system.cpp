@@ -58,6 +58,7 @@ void ExplicitSystem::analyze(const SparseMatrix& matrix, const ConstraintSets& s
     std::sort(neighbours[j].begin(), neighbours[j].end());
   }
   lu.analyze(sizes_, neighbours);
+  sparse_->find_columns();
 
   // Where each entry of G lands.
   outer_.assign(matrix.outerIndexPtr(), matrix.outerIndexPtr() + n + 1);
@@ -116,6 +117,21 @@ void ExplicitSystem::setup(const double* matrix, const ConstraintSets& sets, con
   }
 }
 
+void ExplicitSystem::Analysis::find_columns() {
+  first_column_block.assign(sizes.size() + 1, 0);
+  for (const BlockLu::Pair& pair : lu.pairs()) {
+    ++first_column_block[pair.j + 1];
+    if (pair.i != pair.j) ++first_column_block[pair.i + 1];
+  }
+  for (std::size_t k = 0; k < sizes.size(); ++k) first_column_block[k + 1] += first_column_block[k];
+  column_blocks.resize(static_cast<std::size_t>(first_column_block.back()));
+  std::vector<int> next(first_column_block.begin(), first_column_block.end() - 1);
+  for (const BlockLu::Pair& pair : lu.pairs()) {
+    column_blocks[next[pair.j]++] = {pair.i, pair.lower};
+    if (pair.i != pair.j) column_blocks[next[pair.i]++] = {pair.j, pair.upper};
+  }
+}
+
 void ExplicitSystem::find_analysis() {
   const auto matches = [this](const Analysis& analysis) {
     if (analysis.sizes != sizes_ || analysis.pattern.size() != 2 * blocks.size()) return false;
@@ -153,6 +169,7 @@ void ExplicitSystem::find_analysis() {
   }
   BlockLu& lu = analysis_->lu;
   lu.analyze(sizes_, neighbours);
+  analysis_->find_columns();
   // lu.pairs() goes by j, then i; blocks by i, then j.
   std::vector<int> next(sizes_.size());
   analysis_->diagonal_place.resize(sizes_.size());
@@ -165,11 +182,16 @@ void ExplicitSystem::find_analysis() {
   for (std::size_t k = 0; k < blocks.size(); ++k) analysis_->place[k] = next[blocks[k].j]++;
 }
 
+bool ExplicitSystem::is_dense(Index rows, Index num_sets, std::size_t num_blocks) {
+  const auto count = static_cast<double>(num_sets);
+  return rows <= kDenseRows || static_cast<double>(num_blocks) >= kDenseShare * 0.5 * count * (count - 1.0);
+}
+
 void ExplicitSystem::setup(const ConstraintSets& sets, const ConstVectorRef& scale, const ConstVectorRef& compliance) {
   take_sizes(sets);
-  const auto count = static_cast<double>(sizes_.size());
-  dense_ = size_ <= kDenseRows || static_cast<double>(blocks.size()) >= kDenseShare * 0.5 * count * (count - 1.0);
+  dense_ = is_dense(size_, sets.num_sets(), blocks.size());
   if (dense_) {
+    const auto count = static_cast<double>(sizes_.size());
     const auto n = static_cast<int>(size_);
     a_.resize(static_cast<std::size_t>(n) * n);
     k_.reserve(a_.size());
@@ -179,8 +201,9 @@ void ExplicitSystem::setup(const ConstraintSets& sets, const ConstVectorRef& sca
       const double factor = scale[o] * scale[o];
       double* to = a_.data() + static_cast<std::size_t>(o) * n + o;
       const double* from = diagonal[i];
+      const int step = stride ? stride : size;
       for (int c = 0; c < size; ++c) {
-        for (int r = c; r < size; ++r) to[c * n + r] = to[r * n + c] = factor * from[c * size + r];
+        for (int r = c; r < size; ++r) to[c * n + r] = to[r * n + c] = factor * from[c * step + r];
         to[c * n + c] += factor * compliance[o + c];
       }
     }
@@ -189,8 +212,9 @@ void ExplicitSystem::setup(const ConstraintSets& sets, const ConstVectorRef& sca
       const double factor = scale[oi] * scale[oj];
       double* lower = a_.data() + static_cast<std::size_t>(oj) * n + oi;
       double* upper = a_.data() + static_cast<std::size_t>(oi) * n + oj;
+      const int step = stride ? stride : ni;
       for (int c = 0; c < nj; ++c)
-        for (int r = 0; r < ni; ++r) lower[c * n + r] = upper[r * n + c] = factor * block.values[c * ni + r];
+        for (int r = 0; r < ni; ++r) lower[c * n + r] = upper[r * n + c] = factor * block.values[c * step + r];
     }
     return;
   }
@@ -201,8 +225,9 @@ void ExplicitSystem::setup(const ConstraintSets& sets, const ConstVectorRef& sca
     const int o = offsets_[i], size = sizes_[i];
     const double factor = scale[o] * scale[o];
     double* to = a_.data() + pairs[analysis_->diagonal_place[i]].lower;
+    const int step = stride ? stride : size;
     for (int c = 0; c < size; ++c) {
-      for (int r = c; r < size; ++r) to[c * size + r] = to[r * size + c] = factor * diagonal[i][c * size + r];
+      for (int r = c; r < size; ++r) to[c * size + r] = to[r * size + c] = factor * diagonal[i][c * step + r];
       to[c * size + c] += factor * compliance[o + c];
     }
   }
@@ -212,8 +237,9 @@ void ExplicitSystem::setup(const ConstraintSets& sets, const ConstVectorRef& sca
     const int ni = sizes_[block.i], nj = sizes_[block.j];
     const double factor = scale[offsets_[block.i]] * scale[offsets_[block.j]];
     double *lower = a_.data() + pair.lower, *upper = a_.data() + pair.upper;
+    const int step = stride ? stride : ni;
     for (int c = 0; c < nj; ++c)
-      for (int r = 0; r < ni; ++r) lower[c * ni + r] = upper[r * nj + c] = factor * block.values[c * ni + r];
+      for (int r = 0; r < ni; ++r) lower[c * ni + r] = upper[r * nj + c] = factor * block.values[c * step + r];
   }
 }
 
@@ -260,6 +286,51 @@ inline void add_block(const Eigen::Matrix3d& x, double* to, int size, int stride
 }
 
 }  // namespace
+
+Eigen::Matrix3d ExplicitSystem::diagonal_block(Index set) const {
+  const int size = sizes_[set];
+  const double* a = a_.data();
+  int step = size;
+  if (dense_) {
+    step = static_cast<int>(size_);
+    a += static_cast<std::size_t>(offsets_[set]) * (step + 1);
+  } else {
+    for (int k = analysis_->first_column_block[set];; ++k)
+      if (analysis_->column_blocks[k].i == set) {
+        a += analysis_->column_blocks[k].start;
+        break;
+      }
+  }
+  Eigen::Matrix3d block = Eigen::Matrix3d::Zero();
+  for (int c = 0; c < size; ++c)
+    for (int r = 0; r < size; ++r) block(r, c) = a[c * step + r];
+  return block;
+}
+
+void ExplicitSystem::add_columns(Index set, const double* x, double* y) const {
+  if (dense_) {
+    const auto n = static_cast<int>(size_);
+    const double* a = a_.data() + static_cast<std::size_t>(offsets_[set]) * n;
+    if (sizes_[set] == 3) return dense_kernels().add_three(n, a, n, x, y);
+    for (int r = 0; r < n; ++r) y[r] += a[r] * x[0];
+    return;
+  }
+  const int columns = sizes_[set];
+  const Analysis::ColumnBlock* end = analysis_->column_blocks.data() + analysis_->first_column_block[set + 1];
+  for (const Analysis::ColumnBlock* b = analysis_->column_blocks.data() + analysis_->first_column_block[set]; b != end;
+       ++b) {
+    const double* a = a_.data() + b->start;
+    double* to = y + offsets_[b->i];
+    if (columns == 3 && sizes_[b->i] == 3) {
+      to[0] += a[0] * x[0] + a[3] * x[1] + a[6] * x[2];
+      to[1] += a[1] * x[0] + a[4] * x[1] + a[7] * x[2];
+      to[2] += a[2] * x[0] + a[5] * x[1] + a[8] * x[2];
+      continue;
+    }
+    for (int c = 0; c < columns; ++c)
+      for (int r = 0; r < sizes_[b->i]; ++r) to[r] += *a++ * x[c];
+  }
+}
 
 bool ExplicitSystem::factor_dense() {
   symmetric_ = false;

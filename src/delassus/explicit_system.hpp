@@ -30,6 +30,9 @@ class ExplicitSystem final : public ScaledDelassus {
   /// already seen.
   void setup(const ConstraintSets& sets, const ConstVectorRef& scale, const ConstVectorRef& compliance);
   std::vector<const double*> diagonal;
+  /// Of so many sets and blocks below the diagonal, whether that setup() makes one dense matrix.
+  static bool is_dense(Index rows, Index num_sets, std::size_t num_blocks);
+  int stride = 0;  ///< between the columns of `diagonal` and `blocks`; 0: as many as a block has rows
   std::vector<Block> blocks;
   std::vector<int> local;  ///< of the caller's: numbers in a part by number in the whole
 
@@ -40,6 +43,8 @@ class ExplicitSystem final : public ScaledDelassus {
   int determinant_sign() const override { return dense_ ? sign_ : analysis_->lu.determinant_sign(); }
   void solve(VectorRef rhs) const override;
   bool reduces() const override { return true; }
+  Eigen::Matrix3d diagonal_block(Index set) const override;
+  void add_columns(Index set, const double* x, double* y) const override;
   bool factor_reduced(const std::vector<ReducedSet>& sets, double delta) override;
   void solve_reduced(VectorRef rhs) const override;
 
@@ -49,8 +54,16 @@ class ExplicitSystem final : public ScaledDelassus {
     std::vector<int> sizes, pattern;  ///< rows of each set; i, j of each block, in turn
     std::vector<int> place;           ///< of each block in lu.pairs()
     std::vector<int> diagonal_place;  ///< of each set
+    /// Of the columns of each set, the blocks of rows: set i, and where A(i, set) starts in lu.values().
+    struct ColumnBlock {
+      int i;
+      Index start;
+    };
+    std::vector<int> first_column_block;
+    std::vector<ColumnBlock> column_blocks;
     long last_use = 0;
     BlockLu lu;
+    void find_columns();
   };
 
   void take_sizes(const ConstraintSets& sets);

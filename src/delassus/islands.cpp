@@ -27,6 +27,24 @@ std::vector<int> UnionFind::labels() {
   return out;
 }
 
+IslandForest::IslandForest(int count, std::vector<int>& labels) : labels_(labels), trees_(count) {
+  labels_.resize(static_cast<std::size_t>(count));
+  std::iota(labels_.begin(), labels_.end(), 0);
+}
+
+void IslandForest::join(int i, int j) {
+  i = root(i), j = root(j);
+  if (i == j) return;
+  labels_[i > j ? i : j] = i > j ? j : i;
+  --trees_;
+}
+
+void IslandForest::finish() {
+  // Roots first: a set's root has a lower number, and so has its label by the time it is asked for.
+  int next = 0;
+  for (int& label : labels_) label = &label - labels_.data() == label ? next++ : labels_[label];
+}
+
 std::vector<int> islands_of(const SparseMatrix& matrix, const ConstraintSets& sets) {
   std::vector<int> set_of(static_cast<std::size_t>(sets.size()));
   int index = 0;
@@ -35,9 +53,14 @@ std::vector<int> islands_of(const SparseMatrix& matrix, const ConstraintSets& se
     ++index;
   }
   UnionFind components(static_cast<std::size_t>(sets.num_sets()));
-  for (Index c = 0; c < matrix.outerSize(); ++c)
-    for (SparseMatrix::InnerIterator it(matrix, c); it && it.row() < c; ++it)
-      components.join(set_of[it.row()], set_of[c]);
+  for (Index c = 0; c < matrix.outerSize(); ++c) {
+    int last = set_of[c];  // rows of a set follow each other
+    for (SparseMatrix::InnerIterator it(matrix, c); it && it.row() < c; ++it) {
+      const int set = set_of[it.row()];
+      if (set != last) components.join(set, set_of[c]);
+      last = set;
+    }
+  }
   return components.labels();
 }
 

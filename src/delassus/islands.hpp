@@ -18,6 +18,26 @@ class UnionFind {
   std::vector<int> parent_;
 };
 
+/// The same in the labels themselves, which allocates nothing for sizes already seen: each set points at one of lower
+/// number, or at itself, until finish() numbers the trees.
+class IslandForest {
+ public:
+  IslandForest(int count, std::vector<int>& labels);
+  bool joined(int i, int j) { return root(i) == root(j); }
+  void join(int i, int j);
+  int trees() const { return trees_; }
+  void finish();
+
+ private:
+  int root(int i) {
+    while (labels_[i] != i) i = labels_[i] = labels_[labels_[i]];
+    return i;
+  }
+
+  std::vector<int>& labels_;
+  int trees_;
+};
+
 /// Connected components of the sets under the symmetric matrix G.
 std::vector<int> islands_of(const SparseMatrix& matrix, const ConstraintSets& sets);
 

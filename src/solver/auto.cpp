@@ -12,7 +12,16 @@
 namespace signorini {
 namespace {
 
-constexpr double kAim = 1e-4;   // of the tolerance: what Newton aims at from a guess, if the settings do not say
+constexpr double kAim = 1e-4;  // of the tolerance: what Newton aims at from a guess, if the settings do not say
+// Sweeps: at least kFirstSweeps, and on while so many more would do, at the rate of the last kFirstSweeps. Few where
+// nothing slips, since Newton is good there, and in islands of more than kPatch sets, where something stalls.
+constexpr int kFirstSweeps = 3, kMoreSweeps = 30, kFewSweeps = 10, kMostSweeps = 100;
+constexpr double kLoose = 1e-6;  // what is aimed at from a guess from which on sweeps come before Newton
+// Certificate after sweeps below which proximal Newton goes on, aiming at kLoose or not; and, over that after one
+// sweep, above which they lead nowhere when aiming at kLoose; else above 1.
+constexpr double kNear = 2e-2, kNearer = 1e-2, kStuck = 1.5;
+constexpr int kSweptNewton = 3, kSweptProximal = 16, kSweptPatience = 6, kSweepsBetween = 20;
+constexpr ActiveSearch kSweptSearch{1e-5, 0.3, true};
 constexpr int kWarmNewton = 5;  // iterations granted to Newton from a guess
 constexpr int kWarmPatience = 8, kWarmSteps = 15;
 constexpr double kFirstFinish = 1e-6;    // certificate at which Newton first tries to finish
@@ -93,11 +102,13 @@ class Ladder {
   void solve(const GrowVector* guess) {
     proximal_ = law_ == Law::Ncp && problem_.system->reduces();
     active_newton_ = guess && proximal_;
-    if (guess && newton(*guess, kWarmNewton)) return;
+    const bool sweeps_first = proximal_ && (!guess || aim_ >= kLoose);
+    if (guess && !sweeps_first && newton(*guess, kWarmNewton)) return;
     w_.scratch.setZero(problem_.size());
     offer(w_.scratch, natural_residual(problem_, law_, w_.scratch, problem_.b, w_.newton.natural), SolverType::Auto);
     if (done()) return;
-    if (guess) {
+    if (sweeps_first && sweep(guess)) return;
+    if (guess && !sweeps_first) {
       const bool found =
           proximal_ ? proximal_newton(*guess, kWarmProximal) : interior_point(guess, {}, kWarmPatience, kWarmSteps);
       if (found) return;
@@ -289,10 +300,57 @@ class Ladder {
     }
   }
 
-  bool proximal_newton(const GrowVector& from, int max_factorizations, double weight = kWeight) {
+  /// Gauss-Seidel while that gets there soon; then, from where it is, Newton where nothing slips, and proximal Newton.
+  bool sweep(const GrowVector* guess) {
+    BlockSweeps& sweeps = w_.sweeps;
+    const double target = guess ? aim_ : tolerance_;
+    const bool large = problem_.sets.num_sets() > kPatch;
+    sweeps.start(problem_, guess);
+    double relative = sweeps.relative(problem_), first = relative;  // first: after one sweep
+    double last[kFirstSweeps], soon = 0.0;                          // before the last ones; what more would leave
+    if (guess) offer(sweeps.impulse(), relative, SolverType::Auto);
+    for (int count = 0; relative > target && soon <= target && count < kMostSweeps; ++iterations) {
+      last[count++ % kFirstSweeps] = relative;
+      sweeps.sweep(problem_);
+      relative = sweeps.relative(problem_);
+      if (count == 1) first = relative;
+      if (observe_) observe_(sweeps.impulse(), factorizations);
+      if (count < kFirstSweeps) continue;
+      const double more = sweeps.slips() && !large ? kMoreSweeps : kFewSweeps;
+      soon = relative * std::pow(relative / last[count % kFirstSweeps], more / kFirstSweeps);
+    }
+    offer(sweeps.impulse(), relative, SolverType::Pgs);
+    if (relative <= target || !std::isfinite(relative)) return done();
+
+    const bool loose = target >= kLoose;
+    const bool far = relative > (guess || loose ? kNear : kNearer);
+    if (!guess && (relative > (loose ? kStuck : 1.0) * first || (far && sweeps.slips()))) return false;
+    if (!sweeps.slips() && !large && newton_from_sweeps(target)) return true;
+    if (!guess && far) return false;
+    const int rounds = loose ? 2 : 1;
+    for (int round = 0; round < rounds && !out_of_budget(); ++round) {
+      for (int k = 0; round > 0 && k < kSweepsBetween; ++k, ++iterations) sweeps.sweep(problem_);
+      if (proximal_newton(sweeps.impulse(), kSweptProximal / rounds, kWeight, kSweptPatience)) return true;
+    }
+    return false;
+  }
+
+  /// Hardly damped: where nothing slips the equations are linear, but for contacts that open or begin to slip.
+  bool newton_from_sweeps(double target) {
+    w_.newton.l = w_.sweeps.impulse(), w_.newton.t = w_.sweeps.velocity();
+    const NewtonResult result = active_newton_iterations(problem_, tolerance_, target, kSweptNewton, w_.newton,
+                                                         observer(), 0.0, nullptr, kSweptSearch);
+    iterations += result.iterations;
+    factorizations += result.factorizations;
+    offer(w_.newton.best, result.relative, SolverType::Newton);
+    return done();
+  }
+
+  bool proximal_newton(const GrowVector& from, int max_factorizations, double weight = kWeight,
+                       int patience = kProximalPatience) {
     w_.newton.l = from;
     const NewtonResult result =
-        proximal_newton_iterations(problem_, tolerance_, weight, max_factorizations, w_.newton, observer());
+        proximal_newton_iterations(problem_, tolerance_, weight, max_factorizations, w_.newton, observer(), patience);
     iterations += result.iterations;
     factorizations += result.factorizations;
     offer(w_.newton.best, result.relative, SolverType::Newton);

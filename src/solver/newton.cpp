@@ -17,14 +17,13 @@ namespace {
 constexpr int kWatch = 5;  // residuals that the nonmonotone line search looks back on
 constexpr int kMaxHalvings = 10;
 constexpr int kActiveHalvings = 6;
-constexpr double kActiveDelta = 1e-2, kSmallestActiveDelta = 1e-9;
+constexpr double kSmallestActiveDelta = 1e-9;
 constexpr int kChords = 4;          // steps with one factor after the first
 constexpr double kChordGain = 0.3;  // what such a step must leave of the residual, at most
 constexpr double kLeastGain = 0.3;  // what an iteration must leave, once the tolerance holds
 // Proximal steps: the largest weight, what an inner solve aims at and has to leave of the residual, its iterations, and
 // how the weight moves.
 constexpr double kLargestWeight = 1.0, kProximalGain = 0.1, kConverged = 0.3, kHarder = 10.0, kEasier = 0.5;
-constexpr int kProximalPatience = 60;  // factorisations without halving the residual after which it gives up
 constexpr int kProximalSteps = 15, kFewSteps = 4;
 constexpr double kSameDirection = 0.9;  // cosine between two proximal steps beyond which the second one is doubled
 constexpr double kLargestDelta = 1e-2, kSmallestDelta = 1e-7, kDeltaFactor = 0.1;
@@ -297,7 +296,7 @@ NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance
 
 NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, double aim, int max_iterations,
                                       NewtonMemory& m, const IterateObserver& observe, double weight,
-                                      const GrowVector* centre) {
+                                      const GrowVector* centre, const ActiveSearch& search) {
   const NoMalloc guard;
   NewtonResult result;
   const auto evaluate = [&](const GrowVector& l, GrowVector& t, GrowVector& natural) {
@@ -318,7 +317,8 @@ NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, 
     problem.system->solve_reduced(m.rhs);
     expand(problem, m.reduced, m.jump, m.rhs, m.direction);
   };
-  double relative = evaluate(m.l, m.t, m.natural);
+  double relative =
+      search.velocity_known ? natural_residual(problem, Law::Ncp, m.l, m.t, m.natural) : evaluate(m.l, m.t, m.natural);
   const auto accept = [&](double accepted) {
     swap(m.l, m.trial);
     swap(m.t, m.trial_t);
@@ -339,7 +339,7 @@ NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, 
     merits[result.iterations % kWatch] = m.natural.norm();
     find_active(problem, m.l, m.t, m.reduced);
     ++result.factorizations;
-    const double delta = centre ? weight : std::clamp(kActiveDelta * relative, kSmallestActiveDelta, kLargestDelta);
+    const double delta = centre ? weight : std::clamp(search.delta * relative, kSmallestActiveDelta, kLargestDelta);
     if (!problem.system->factor_reduced(m.reduced, delta)) break;
     find_direction();
 
@@ -362,6 +362,7 @@ NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, 
       if (!(tried <= kChordGain * relative)) break;
       accept(tried);
     }
+    if (!(relative <= search.most_left * before)) break;
     if (result.relative <= tolerance && !(relative <= kLeastGain * before)) break;
   }
   // The answer lies in the cones where that costs nothing.
@@ -376,7 +377,7 @@ NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, 
 }
 
 NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance, double weight, int max_factorizations,
-                                        NewtonMemory& m, const IterateObserver& observe) {
+                                        NewtonMemory& m, const IterateObserver& observe, int patience) {
   const NoMalloc guard;
   NewtonResult result;
   const auto evaluate = [&](const GrowVector& l) {
@@ -391,7 +392,7 @@ NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance
   result.relative = relative;
   double milestone = relative;
   int since = 0;  // factorisations since the residual has halved
-  while (since < kProximalPatience && result.relative > tolerance && result.factorizations < max_factorizations &&
+  while (since < patience && result.relative > tolerance && result.factorizations < max_factorizations &&
          weight <= kLargestWeight) {
     const double target = std::max(kProximalGain * relative, 0.1 * tolerance);
     const int most = std::min(kProximalSteps, max_factorizations - result.factorizations);

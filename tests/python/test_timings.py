@@ -65,7 +65,7 @@ def test_steps_are_the_simulators_own():
     assert [step.number for step in steps] == [4, 8, 12]
     for step in steps:
         assert len(step.ids) == len(set(step.ids)) == step.problem.num_contacts == 12
-        solution = signorini.solve(step.problem, tolerance=1e-8)
+        solution = signorini.solve(step.problem, tolerance=1e-10)  # mass ratios cost digits
         total = sum(step.frames[k] @ solution.impulse[3 * k : 3 * k + 3] for k in range(4))  # the lowest interface
         weight = 9.81e-3 * np.geomspace(1.0, 1e4, 3).sum()
         np.testing.assert_allclose(np.abs(total), [0.0, 0.0, weight], atol=1e-5 * weight)

@@ -16,9 +16,13 @@ class DenseDelassus final : public DelassusOperator {
   SparseMatrix matrix() const override;
   double asymmetry() const override { return asymmetry_; }
   std::vector<int> islands(const ConstraintSets& sets) const override;
+  void label_islands(const ConstraintSets& sets, std::vector<int>& labels) const override;
   std::shared_ptr<const DelassusOperator> restrict(const std::vector<Index>& rows) const override;
   void prepare(const ConstraintSets& sets, const ConstVectorRef& scale, const ConstVectorRef& compliance,
                std::unique_ptr<ScaledDelassus>& system) const override;
+  void prepare_part(const ConstraintSets& sets, const std::vector<int>& part, const ConstraintSets& part_sets,
+                    const ConstVectorRef& scale, const ConstVectorRef& compliance,
+                    std::unique_ptr<ScaledDelassus>& system) const override;
 
  private:
   Matrix matrix_;

@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "signorini/solver/block_sweeps.hpp"
 #include "signorini/solver/interior_point.hpp"
 #include "signorini/solver/newton.hpp"
 
@@ -9,6 +10,7 @@ namespace signorini {
 
 struct AutoWorkspace {
   ScaledProblem problem;
+  BlockSweeps sweeps;
   InteriorPoint interior_point;
   NewtonMemory newton;
   GrowVector best, start, impulse, scratch;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <functional>
+#include <limits>
 #include <vector>
 
 #include "signorini/solver/scaled_problem.hpp"
@@ -33,6 +34,13 @@ struct NewtonResult {
 NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance, int max_iterations,
                                NewtonMemory& memory, const IterateObserver& observe = {});
 
+/// How active_newton_iterations() is damped, and when it gives up.
+struct ActiveSearch {
+  double delta = 1e-2;                                         ///< damping, of the residual
+  double most_left = std::numeric_limits<double>::infinity();  ///< of the residual by an iteration, else it gives up
+  bool velocity_known = false;                                 ///< memory.t is that of memory.l
+};
+
 /// Semismooth Newton on Alart and Curnier's equations of the NCP, reduced to the rows that are active (section 9 of
 /// docs/theory.md): smaller systems, and symmetric ones where nothing slips. Made for warm starts: from memory.l, a
 /// factor is used again while it gains, so that the answer is often far better than `tolerance`; stops at `aim` <=
@@ -40,13 +48,17 @@ NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance
 /// centre: of the problem with A + weight I and b - weight centre instead.
 NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, double aim, int max_iterations,
                                       NewtonMemory& memory, const IterateObserver& observe = {}, double weight = 0.0,
-                                      const GrowVector* centre = nullptr);
+                                      const GrowVector* centre = nullptr, const ActiveSearch& search = {});
+
+constexpr int kProximalPatience = 60;
 
 /// Proximal point method on the NCP: each step solves, by active_newton_iterations(), the problem with a quadratic term
 /// that holds the impulse near the last one. Far more robust than Newton alone where redundant contacts leave the
-/// impulse nearly free. For systems that reduce() only. weight: of that term in the first step.
+/// impulse nearly free. For systems that reduce() only. weight: of that term in the first step. patience:
+/// factorisations without halving the residual after which it gives up.
 NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance, double weight, int max_factorizations,
-                                        NewtonMemory& memory, const IterateObserver& observe = {});
+                                        NewtonMemory& memory, const IterateObserver& observe = {},
+                                        int patience = kProximalPatience);
 
 struct NewtonWorkspace {
   ScaledProblem problem;

@@ -155,9 +155,10 @@ def measure(steps: Iterator[Step], taking_part: list[Solver], repeats: int) -> l
             jobs += [(f"{solver.name}, cold", solver, None), (f"{solver.name}, warm", solver, guess)]
         runs: dict[str, dict[str, Any]] = {}
         times: dict[str, list[float]] = {key: [] for key, _, _ in jobs}
+        order = np.random.default_rng(step.number)
         for turn in range(repeats):
-            first = (step.number + turn) % len(jobs)  # nobody always comes after the same cold caches
-            for key, solver, guess in (*jobs[first:], *jobs[:first]):
+            for k in order.permutation(len(jobs)):  # nobody always comes after the same one, and its cold caches
+                key, solver, guess = jobs[k]
                 if turn and times[key][0] > LONG:
                     continue
                 solution = solver.solve(step.problem, guess)

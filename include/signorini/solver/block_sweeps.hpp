@@ -1,0 +1,37 @@
+#pragma once
+
+#include <vector>
+
+#include "signorini/solver/scaled_problem.hpp"
+
+namespace signorini {
+
+/// Projected Gauss-Seidel on a scaled problem of the NCP whose A is at hand (ScaledDelassus::reduces), a set at a time,
+/// with a few steps at each visit: cheap first steps for `auto`, a tenth of a Newton iteration each (docs/auto.md). The
+/// velocity is kept up to date, so that the certificate costs no product. Nothing allocates for sizes already seen.
+class BlockSweeps {
+ public:
+  /// From `start`, projected on K; from 0 without one.
+  void start(const ScaledProblem& problem, const GrowVector* start);
+  void sweep(const ScaledProblem& problem);
+  /// The certificate of impulse().
+  double relative(const ScaledProblem& problem);
+  const GrowVector& impulse() const { return l_; }
+  const GrowVector& velocity() const { return t_; }  ///< A impulse() + b
+  /// Whether a contact slipped in the last sweep.
+  bool slips() const { return slips_; }
+
+ private:
+  struct Set {
+    Eigen::Matrix3d block;  ///< of A
+    double normal = 0.0;    ///< 1 / normal diagonal entry; of a one-row set, 1 / its entry
+    double tangent = 0.0;   ///< 1 / largest eigenvalue of the tangential block
+  };
+  void visit_contact(const ScaledProblem& problem, Index i);
+
+  GrowVector l_, t_, natural_;  ///< impulse, its velocity A l + b, residual
+  bool slips_ = false;
+  std::vector<Set, Eigen::aligned_allocator<Set>> sets_;
+};
+
+}  // namespace signorini
