@@ -19,7 +19,9 @@ constexpr double kFirstFinish = 1e-6;    // certificate at which Newton first tr
 constexpr double kQuick = 0.6;           // what a step leaves of the certificate below which the interior point goes on
 constexpr double kFirstProximal = 1e-4;  // certificate at which proximal Newton tries, once a start
 constexpr double kWeight = 3e-4, kWeightShare = 30.0, kHighWeight = 0.3;  // its first weight; late: of the certificate
-constexpr int kWarmProximal = 15, kProximal = 150;                        // factorisations granted to it
+// Factorisations granted to it, and how many of them without halving the certificate; for a large island.
+constexpr int kWarmProximal = 15, kProximal = 150, kProximalPatience = 60;
+constexpr int kLargeProximal = 800, kLargeProximalPatience = 400;
 constexpr int kFinish = 3, kLateFinish = 6, kLastFinish = 12;
 constexpr int kLate = 25;  // interior-point iterations after which Newton tries earlier
 constexpr double kLateFactor = 100.0;
@@ -109,9 +111,9 @@ class Ladder {
       if (out_of_budget()) break;
       if (proximal_ && !tried_proximal_) {
         const double weight = std::clamp(kWeightShare * w_.interior_point.relative(), kWeight, kHighWeight);
-        if (proximal_newton(w_.interior_point.impulse(), kProximal, weight)) return;
+        if (proximal_newton(w_.interior_point.impulse(), proximal_budget(), weight)) return;
       }
-      if (may_repair_ && num_sets > kLarge && repair()) return;
+      if (large() && repair()) return;
       if (newton(w_.interior_point.impulse(), kLastFinish)) return;
     }
     if (!out_of_budget() && continuation()) return;
@@ -126,6 +128,8 @@ class Ladder {
     const double scale = std::max(problem_.reference, std::sqrt(3.0) * w_.best.lpNorm<Eigen::Infinity>());
     return best * scale <= tolerance_ * global_reference_;
   }
+  bool large() const { return may_repair_ && problem_.sets.num_sets() > kLarge; }
+  int proximal_budget() const { return large() ? kLargeProximal : kProximal; }
   bool out_of_budget() const { return factorizations >= max_factorizations_; }
 
   /// The island as a problem of its own, which only the last rungs need.
@@ -292,7 +296,8 @@ class Ladder {
   bool proximal_newton(const GrowVector& from, int max_factorizations, double weight = kWeight) {
     w_.newton.l = from;
     const NewtonResult result =
-        proximal_newton_iterations(problem_, tolerance_, weight, max_factorizations, w_.newton, observer());
+        proximal_newton_iterations(problem_, tolerance_, weight, max_factorizations,
+                                   large() ? kLargeProximalPatience : kProximalPatience, w_.newton, observer());
     iterations += result.iterations;
     factorizations += result.factorizations;
     offer(w_.newton.best, result.relative, SolverType::Newton);
@@ -328,7 +333,7 @@ class Ladder {
       const bool late = interior.held_back() || interior.iterations() > kLate;
       if (proximal_ && relative <= kFirstProximal && relative > kQuick * last && !tried_proximal_) {
         tried_proximal_ = true;
-        if (proximal_newton(interior.impulse(), kProximal)) return true;
+        if (proximal_newton(interior.impulse(), proximal_budget())) return true;
       }
       if (relative <= next * (late ? kLateFactor : 1.0)) {
         next = late ? 0.3 * relative / kLateFactor : 0.1 * relative;

@@ -24,7 +24,6 @@ constexpr double kLeastGain = 0.3;  // what an iteration must leave, once the to
 // Proximal steps: the largest weight, what an inner solve aims at and has to leave of the residual, its iterations, and
 // how the weight moves.
 constexpr double kLargestWeight = 1.0, kProximalGain = 0.1, kConverged = 0.3, kHarder = 10.0, kEasier = 0.5;
-constexpr int kProximalPatience = 60;  // factorisations without halving the residual after which it gives up
 constexpr int kProximalSteps = 15, kFewSteps = 4;
 constexpr double kSameDirection = 0.9;  // cosine between two proximal steps beyond which the second one is doubled
 constexpr double kLargestDelta = 1e-2, kSmallestDelta = 1e-7, kDeltaFactor = 0.1;
@@ -376,7 +375,7 @@ NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, 
 }
 
 NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance, double weight, int max_factorizations,
-                                        NewtonMemory& m, const IterateObserver& observe) {
+                                        int patience, NewtonMemory& m, const IterateObserver& observe) {
   const NoMalloc guard;
   NewtonResult result;
   const auto evaluate = [&](const GrowVector& l) {
@@ -391,7 +390,7 @@ NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance
   result.relative = relative;
   double milestone = relative;
   int since = 0;  // factorisations since the residual has halved
-  while (since < kProximalPatience && result.relative > tolerance && result.factorizations < max_factorizations &&
+  while (since < patience && result.relative > tolerance && result.factorizations < max_factorizations &&
          weight <= kLargestWeight) {
     const double target = std::max(kProximalGain * relative, 0.1 * tolerance);
     const int most = std::min(kProximalSteps, max_factorizations - result.factorizations);

@@ -44,9 +44,10 @@ NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, 
 
 /// Proximal point method on the NCP: each step solves, by active_newton_iterations(), the problem with a quadratic term
 /// that holds the impulse near the last one. Far more robust than Newton alone where redundant contacts leave the
-/// impulse nearly free. For systems that reduce() only. weight: of that term in the first step.
+/// impulse nearly free. For systems that reduce() only. weight: of that term in the first step. patience:
+/// factorisations without halving the residual after which it gives up.
 NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance, double weight, int max_factorizations,
-                                        NewtonMemory& memory, const IterateObserver& observe = {});
+                                        int patience, NewtonMemory& memory, const IterateObserver& observe = {});
 
 struct NewtonWorkspace {
   ScaledProblem problem;
