@@ -39,7 +39,9 @@ constexpr double kFrictionStarts[] = {0.3, 0.1, 0.01};
 constexpr double kFrictionGrowth = 1.1, kMostFrictionGrowth = 1.3, kLeastFrictionGrowth = 1.001;
 constexpr int kFrictionBudget = 600;
 constexpr double kLargestImpulse = 1e10;  // over the free velocity: beyond it rounding alone makes residuals small
-constexpr int kPatch = 100;               // sets of a patch
+constexpr double kNoSolution = 1e8;       // over the free velocity: a solution larger than this counts as none
+constexpr double kRaySoftness = 1e-9, kRaySlope = 1e-6;
+constexpr int kPatch = 100;  // sets of a patch
 constexpr int kPatchBudget = 150, kRepairRounds = 30;
 constexpr double kPatchTolerance = 1e-9;
 constexpr int kFirstOrder = 5000;  // iterations of ADMM, at the very end
@@ -136,7 +138,49 @@ class Ladder {
     if (may_repair_ && max_factorizations_ >= kBudget) first_order();
   }
 
+  /// Whether the best iterate points along a ray that rules out every solution of reasonable size (T49).
+  bool infeasible() {
+    GrowVector ray = w_.best, velocity;
+    velocity.resize(ray.size());
+    keep_ray(ray);
+    // What is left of it where G + R is next to nothing.
+    const BlockDiagonal soft(static_cast<std::size_t>(problem_.sets.num_sets()),
+                             Eigen::Matrix3d(kRaySoftness * Eigen::Matrix3d::Identity()));
+    ++factorizations;
+    if (!problem_.system->factor(soft)) return false;
+    problem_.system->solve(ray);
+    ray *= kRaySoftness;
+    keep_ray(ray);
+    problem_.system->apply(ray, velocity);
+    const double slope = -problem_.b.dot(ray);
+    return slope > kRaySlope * problem_.b.norm() * ray.norm() &&
+           slope >= kNoSolution * problem_.reference * velocity.norm();  // false for NaN
+  }
+
  private:
+  /// Projects on the directions d with d . s >= 0 for all s that the law allows.
+  void keep_ray(GrowVector& ray) const {
+    for (const ConstraintSet& set : problem_.sets) {
+      double* d = ray.data() + set.offset;
+      switch (set.type) {
+        case SetType::FrictionCone:
+          if (law_ == Law::Ncp)
+            d[0] = d[1] = 0.0, d[2] = std::max(d[2], 0.0);
+          else
+            project_friction_cone(set.friction, d, d);
+          break;
+        case SetType::HalfLine:
+          *d = std::max(*d, 0.0);
+          break;
+        case SetType::Interval:
+          if (std::isfinite(*d > 0.0 ? set.upper : set.lower)) *d = 0.0;
+          break;
+        case SetType::Equality:
+          break;
+      }
+    }
+  }
+
   bool done() const { return best <= tolerance_; }
   /// Good enough for the whole problem, whose certificate has a larger scale
   /// than the island's.
@@ -488,7 +532,7 @@ void solve_islands(const ContactProblem& problem, const Settings& settings, Auto
                                         std::sqrt(problem.scale()[set.offset]));
 
   const int num_islands = find_members(problem, w);
-  bool out_of_iterations = false;
+  bool out_of_iterations = false, infeasible = false;
   Index largest = -1;
   int history_factorizations = 0;  // of the islands so far, one after the other
   Recorder recorder(problem, settings, solution);
@@ -539,11 +583,15 @@ void solve_islands(const ContactProblem& problem, const Settings& settings, Auto
     solution.factorizations = std::max(solution.factorizations, ladder.factorizations);
     if (w.problem.size() > largest) largest = w.problem.size(), solution.solver = ladder.method;
     if (ladder.best > settings.tolerance && ladder.factorizations >= budget) out_of_iterations = true;
+    if (may_repair && ladder.best > settings.tolerance && settings.max_iterations == 0 && ladder.infeasible())
+      infeasible = true;
     w.impulse.resize(w.problem.size());
     w.problem.to_impulse(w.best, w.impulse);
     for_each_row([&](Index own, Index row) { solution.impulse[row] = w.impulse[own]; });
   }
   finish(problem, settings, out_of_iterations, solution);
+  if (infeasible && solution.status != Status::Invalid && solution.status != Status::Solved)
+    solution.status = Status::Infeasible;
 }
 
 }  // namespace
