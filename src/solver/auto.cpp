@@ -37,7 +37,8 @@ constexpr int kLarge = 250;  // sets beyond which the interior point only has to
 // grows, factorisations granted.
 constexpr double kFrictionStarts[] = {0.3, 0.1, 0.01};
 constexpr double kFrictionGrowth = 1.1, kMostFrictionGrowth = 1.3, kLeastFrictionGrowth = 1.001;
-constexpr int kFrictionBudget = 600;
+constexpr int kFrictionBudget = 300;
+constexpr double kCertainShare = 1e3;     // tolerances that a residual over the free velocity may have, to be certain
 constexpr double kLargestImpulse = 1e10;  // over the free velocity: beyond it rounding alone makes residuals small
 constexpr double kNoSolution = 1e8;       // over the free velocity: a solution larger than this counts as none
 constexpr double kRaySoftness = 1e-9, kRaySlope = 1e-6;
@@ -109,6 +110,31 @@ class Ladder {
   SolverType method = SolverType::Auto;                   ///< that found it; Auto: none was needed
 
   void solve(const GrowVector* guess) {
+    climb(guess);
+    if (!guess && may_repair_ && proximal_ && max_factorizations_ >= kBudget && !certain()) friction_continuation();
+  }
+
+  /// Whether the best iterate points along a ray that rules out every solution of reasonable size (T49).
+  bool infeasible() {
+    GrowVector ray = w_.best, velocity;
+    velocity.resize(ray.size());
+    keep_ray(ray);
+    // What is left of it where G + R is next to nothing.
+    const BlockDiagonal soft(static_cast<std::size_t>(problem_.sets.num_sets()),
+                             Eigen::Matrix3d(kRaySoftness * Eigen::Matrix3d::Identity()));
+    ++factorizations;
+    if (!problem_.system->factor(soft)) return false;
+    problem_.system->solve(ray);
+    ray *= kRaySoftness;
+    keep_ray(ray);
+    problem_.system->apply(ray, velocity);
+    const double slope = -problem_.b.dot(ray);
+    return slope > kRaySlope * problem_.b.norm() * ray.norm() &&
+           slope >= kNoSolution * problem_.reference * velocity.norm();  // false for NaN
+  }
+
+ private:
+  void climb(const GrowVector* guess) {
     proximal_ = law_ == Law::Ncp && problem_.system->reduces();
     active_newton_ = guess && proximal_;
     if (guess && newton(*guess, kWarmNewton)) return;
@@ -132,32 +158,11 @@ class Ladder {
       if (large() && repair()) return;
       if (newton(w_.interior_point.impulse(), kLastFinish)) return;
     }
-    if (may_repair_ && friction_continuation()) return;
     if (!out_of_budget() && continuation()) return;
     if (may_repair_ && num_sets > kPatch && !out_of_budget() && repair()) return;
     if (may_repair_ && max_factorizations_ >= kBudget) first_order();
   }
 
-  /// Whether the best iterate points along a ray that rules out every solution of reasonable size (T49).
-  bool infeasible() {
-    GrowVector ray = w_.best, velocity;
-    velocity.resize(ray.size());
-    keep_ray(ray);
-    // What is left of it where G + R is next to nothing.
-    const BlockDiagonal soft(static_cast<std::size_t>(problem_.sets.num_sets()),
-                             Eigen::Matrix3d(kRaySoftness * Eigen::Matrix3d::Identity()));
-    ++factorizations;
-    if (!problem_.system->factor(soft)) return false;
-    problem_.system->solve(ray);
-    ray *= kRaySoftness;
-    keep_ray(ray);
-    problem_.system->apply(ray, velocity);
-    const double slope = -problem_.b.dot(ray);
-    return slope > kRaySlope * problem_.b.norm() * ray.norm() &&
-           slope >= kNoSolution * problem_.reference * velocity.norm();  // false for NaN
-  }
-
- private:
   /// Projects on the directions d with d . s >= 0 for all s that the law allows.
   void keep_ray(GrowVector& ray) const {
     for (const ConstraintSet& set : problem_.sets) {
@@ -182,6 +187,18 @@ class Ladder {
   }
 
   bool done() const { return best <= tolerance_; }
+  /// Whether the best iterate's residual is small against the free velocity too, and not only against its own size, as
+  /// that of an impulse on its way to infinity is.
+  bool certain() {
+    const double share_weight = problem_.share_weight;
+    problem_.share_weight = strict_weight();
+    problem_.system->apply(w_.best, w_.newton.t);
+    w_.newton.t += problem_.b;
+    const double relative = natural_residual(problem_, law_, w_.best, w_.newton.t, w_.newton.natural);
+    problem_.share_weight = share_weight;
+    return relative <= tolerance_;
+  }
+  double strict_weight() const { return std::max(problem_.share_weight, 1.0 / kCertainShare); }
   /// Good enough for the whole problem, whose certificate has a larger scale
   /// than the island's.
   bool acceptable() const {
@@ -242,14 +259,14 @@ class Ladder {
     if (!done()) newton(l, kLastFinish);
   }
 
-  /// Follows the solution for `factor` times the friction (T48), easy for small
-  /// factors, as the factor rises to 1.
+  /// Follows the solution for `factor` times the friction (T48), easy for small factors, as the factor rises to 1.
   bool friction_continuation() {
-    if (!proximal_) return false;
     const double best_before = best;
     const GrowVector before = w_.best;
     const SolverType method_before = method;
     const ConstraintSets sets = problem_.sets;
+    const double share_weight = problem_.share_weight;
+    problem_.share_weight = strict_weight();
     const auto scale_friction = [&](double factor) {
       for (Index i = 0; i < sets.num_sets(); ++i)
         if (sets[i].type == SetType::FrictionCone) problem_.sets.set_friction(i, factor * sets[i].friction);
@@ -277,6 +294,7 @@ class Ladder {
       }
     }
     problem_.sets = sets;
+    problem_.share_weight = share_weight;
     if (reached == 1.0) return true;
     best = best_before;
     w_.best = before;
