@@ -1,6 +1,5 @@
 // Which method, when (docs/auto.md):
-//   check the guess -> split into islands -> for each: warm Newton -> interior
-//   point, finished by Newton -> fallbacks.
+//   check the guess -> split into islands -> for each: warm Newton -> interior point, finished by Newton -> fallbacks.
 #include "signorini/solver/auto.hpp"
 
 #include <algorithm>
@@ -13,31 +12,25 @@
 namespace signorini {
 namespace {
 
-constexpr double kAim = 1e-4;   // of the tolerance: what Newton aims at from a
-                                // guess, if the settings do not say
+constexpr double kAim = 1e-4;   // of the tolerance: what Newton aims at from a guess, if the settings do not say
 constexpr int kWarmNewton = 5;  // iterations granted to Newton from a guess
 constexpr int kWarmPatience = 8, kWarmSteps = 15;
 constexpr double kFirstFinish = 1e-6;    // certificate at which Newton first tries to finish
-constexpr double kQuick = 0.6;           // what a step leaves of the certificate below
-                                         // which the interior point goes on
+constexpr double kQuick = 0.6;           // what a step leaves of the certificate below which the interior point goes on
 constexpr double kFirstProximal = 1e-4;  // certificate at which proximal Newton tries, once a start
-constexpr double kWeight = 3e-4, kWeightShare = 30.0,
-                 kHighWeight = 0.3;  // its first weight; late: of the certificate
-// Factorisations granted to it, and how many of them without halving the
-// certificate; for a large island.
+constexpr double kWeight = 3e-4, kWeightShare = 30.0, kHighWeight = 0.3;  // its first weight; late: of the certificate
+// Factorisations granted to it, and how many of them without halving the certificate; for a large island.
 constexpr int kWarmProximal = 15, kProximal = 150, kProximalPatience = 60;
 constexpr int kLargeProximal = 800, kLargeProximalPatience = 400;
 constexpr int kFinish = 3, kLateFinish = 6, kLastFinish = 12;
 constexpr int kLate = 25;  // interior-point iterations after which Newton tries earlier
 constexpr double kLateFactor = 100.0;
 constexpr int kPatience = 15, kSteps = 60;
-constexpr int kLarge = 250;  // sets beyond which the interior point only has to
-                             // come near, for repair() to go on
-// Continuation in friction: factors to begin with, by how much the factor
-// grows, factorisations granted.
+constexpr int kLarge = 250;  // sets beyond which the interior point only has to come near, for repair() to go on
+// Continuation in friction: factors to begin with, by how much the factor grows, factorisations granted.
 constexpr double kFrictionStarts[] = {0.3, 0.1, 0.01};
 constexpr double kFrictionGrowth = 1.1, kMostFrictionGrowth = 1.3, kLeastFrictionGrowth = 1.001;
-constexpr int kFrictionBudget = 300;
+constexpr int kFrictionBudget = 300, kFrictionSets = 50;  // the latter of an island that is solved, if not for certain
 constexpr double kCertainShare = 1e3;     // tolerances that a residual over the free velocity may have, to be certain
 constexpr double kLargestImpulse = 1e10;  // over the free velocity: beyond it rounding alone makes residuals small
 constexpr double kNoSolution = 1e8;       // over the free velocity: a solution larger than this counts as none
@@ -48,8 +41,7 @@ constexpr double kPatchTolerance = 1e-9;
 constexpr int kFirstOrder = 5000;  // iterations of ADMM, at the very end
 constexpr int kBudget = 2000;      // factorisations, if settings.max_iterations does not say otherwise
 
-/// Starts of the interior point, tried in turn: start scale, least centring,
-/// theta.
+/// Starts of the interior point, tried in turn: start scale, least centring, theta.
 constexpr InteriorPoint::Options kAttempts[] = {{30.0, 0.03, 1.0}, {1.0, 0.03, 0.95}, {1000.0, 0.03, 1.0},
                                                 {0.01, 0.03, 1.0}, {10.0, 0.1, 1.0},  {100.0, 0.03, 0.9}};
 
@@ -86,8 +78,7 @@ void solve_islands(const ContactProblem& problem, const Settings& settings, Auto
 /// One island being solved: the best iterate so far and what it cost.
 class Ladder {
  public:
-  /// whole, island: problem is the scaled version of these sets of it; null: of
-  /// all of it.
+  /// whole, island: problem is the scaled version of these sets of it; null: of all of it.
   Ladder(ScaledProblem& problem, const ContactProblem& whole, const std::vector<int>* island, Law law, double tolerance,
          double aim, double global_reference, int max_factorizations, bool may_repair, AutoWorkspace& workspace,
          IterateObserver observe)
@@ -111,7 +102,9 @@ class Ladder {
 
   void solve(const GrowVector* guess) {
     climb(guess);
-    if (!guess && may_repair_ && proximal_ && max_factorizations_ >= kBudget && !certain()) friction_continuation();
+    const bool small = problem_.sets.num_sets() <= kFrictionSets;
+    if (!guess && may_repair_ && proximal_ && max_factorizations_ >= kBudget && (small || !done()) && !certain())
+      friction_continuation();
   }
 
   /// Whether the best iterate points along a ray that rules out every solution of reasonable size (T49).
@@ -199,8 +192,7 @@ class Ladder {
     return relative <= tolerance_;
   }
   double strict_weight() const { return std::max(problem_.share_weight, 1.0 / kCertainShare); }
-  /// Good enough for the whole problem, whose certificate has a larger scale
-  /// than the island's.
+  /// Good enough for the whole problem, whose certificate has a larger scale than the island's.
   bool acceptable() const {
     const double scale = std::max(problem_.reference, std::sqrt(3.0) * w_.best.lpNorm<Eigen::Infinity>());
     return best * scale <= tolerance_ * global_reference_;
@@ -237,8 +229,7 @@ class Ladder {
     w_.best = l;
   }
 
-  /// Slow, but it wanders less than it jumps: ADMM comes nearest where all else
-  /// fails.
+  /// Slow, but it wanders less than it jumps: ADMM comes nearest where all else fails.
   void first_order() {
     Settings settings;
     settings.law = law_;
@@ -301,9 +292,7 @@ class Ladder {
     method = method_before;
     return false;
   }
-
-  /// Follows the solution of A + weight I (T42), easy for large weights, as the
-  /// weight falls to 0.
+  /// Follows the solution of A + weight I (T42), easy for large weights, as the weight falls to 0.
   bool continuation() {
     const double best_before = best;
     const GrowVector before = w_.best;
@@ -332,9 +321,8 @@ class Ladder {
     return reached > 0.0 && (newton(l, kLastFinish) || interior_point(&l, {}, kWarmPatience, kWarmSteps));
   }
 
-  /// What holds a large island up are a few knots of contacts. Solves the
-  /// patches around the worst contacts, the impulses outside kept as they are,
-  /// and lets Newton settle the whole after each round.
+  /// What holds a large island up are a few knots of contacts. Solves the patches around the worst contacts, the
+  /// impulses outside kept as they are, and lets Newton settle the whole after each round.
   bool repair() {
     const std::vector<std::vector<int>> neighbours = contact_graph(part());
     AutoWorkspace workspace;
@@ -370,8 +358,7 @@ class Ladder {
         for (const int centre : order) {
           if (!(error[centre] > bar) || out_of_budget()) break;
           if (covered[centre]) continue;
-          // Of changing size: a knot on a patch's edge would come back round
-          // after round.
+          // Of changing size: a knot on a patch's edge would come back round after round.
           const std::vector<int> patch = patch_around(neighbours, centre, kPatch * (1 + round % 3));
           for (std::size_t k = 0; k <= patch.size() / 2; ++k) covered[patch[k]] = 1;  // the inner half
           solve_patch(patch, settings, workspace, solution, l);
@@ -381,8 +368,7 @@ class Ladder {
     return newton(l, kLastFinish);
   }
 
-  /// Solves the sets of `patch` for the impulses of the others in l, and writes
-  /// the result into l.
+  /// Solves the sets of `patch` for the impulses of the others in l, and writes the result into l.
   void solve_patch(std::vector<int> patch, const Settings& settings, AutoWorkspace& workspace, Solution& solution,
                    Vector& l) {
     std::sort(patch.begin(), patch.end());
@@ -441,9 +427,8 @@ class Ladder {
     return done();
   }
 
-  /// Interior point, with Newton trying to finish at kFirstFinish and again
-  /// each time the certificate has fallen tenfold. Gives up when the
-  /// certificate has not halved in `patience` steps.
+  /// Interior point, with Newton trying to finish at kFirstFinish and again each time the certificate has fallen
+  /// tenfold. Gives up when the certificate has not halved in `patience` steps.
   bool interior_point(const GrowVector* guess, const InteriorPoint::Options& options, int patience, int max_steps) {
     InteriorPoint& interior = w_.interior_point;
     interior.options = options;
@@ -494,8 +479,7 @@ class Ladder {
   IterateObserver observe_;
 };
 
-/// Groups the sets by island: w.first, w.members. Returns the number of
-/// islands.
+/// Groups the sets by island: w.first, w.members. Returns the number of islands.
 int find_members(const ContactProblem& problem, AutoWorkspace& w) {
   problem.delassus().label_islands(problem.sets(), w.labels);
   const int count = w.labels.empty() ? 0 : 1 + *std::max_element(w.labels.begin(), w.labels.end());
@@ -509,8 +493,7 @@ int find_members(const ContactProblem& problem, AutoWorkspace& w) {
   return count;
 }
 
-/// Relative residual of an island by itself, as natural_residual has it, from
-/// the velocity of the whole.
+/// Relative residual of an island by itself, as natural_residual has it, from the velocity of the whole.
 double island_residual(const ContactProblem& problem, const int* members, int count, Law law, double share_weight,
                        const GrowVector& impulse, const GrowVector& velocity) {
   double error = 0.0, largest = 0.0, free = 0.0;
@@ -521,8 +504,7 @@ double island_residual(const ContactProblem& problem, const int* members, int co
   }
   largest = std::max(largest, free);
   if (error == 0.0) return 0.0;
-  return std::max(error / largest,
-                  share_weight * error / free);  // infinite where nothing asks for an impulse
+  return std::max(error / largest, share_weight * error / free);  // infinite where nothing asks for an impulse
 }
 
 void solve_islands(const ContactProblem& problem, const Settings& settings, AutoWorkspace& w, const Guess* guess,
@@ -543,8 +525,7 @@ void solve_islands(const ContactProblem& problem, const Settings& settings, Auto
     }
   }
   const int budget = settings.max_iterations > 0 ? settings.max_iterations : kBudget;
-  double reference = problem.reference();  // of the whole certificate, before
-                                           // scaling to an island's unit
+  double reference = problem.reference();  // of the whole certificate, before scaling to an island's unit
   for (const ConstraintSet& set : problem.sets())
     reference = std::max(reference, problem.free_velocity().segment(set.offset, set.size()).norm() /
                                         std::sqrt(problem.scale()[set.offset]));
