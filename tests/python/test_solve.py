@@ -232,7 +232,7 @@ def test_auto_says_infeasible(law):
     for problem in unsolvable():
         s = signorini.solve(problem, law=law)
         assert s.status == "infeasible"
-        # What proves it: the impulse's normal part does nothing, and the velocity along it is negative whatever is done.
+        # What proves it: the impulse's normal part moves nothing, so the velocity along it stays negative.
         ray = s.impulse.copy()
         if problem.num_contacts:
             ray.reshape(-1, 3)[:, :2] = 0.0
