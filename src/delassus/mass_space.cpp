@@ -15,8 +15,14 @@
 namespace signorini {
 namespace {
 
+int num_rows(ReducedSet::Kind kind) {
+  using Kind = ReducedSet::Kind;
+  return kind == Kind::Stick ? 3 : kind == Kind::Slip ? 2 : kind == Kind::Fixed ? 0 : 1;
+}
+
 /// With Js = S J and X' = X + Y S R S, the solution d of (X + Y A) d = r is (Woodbury; docs/theory.md, T38)
-///     N w = Js' X'^-1 r,   d = X'^-1 (r - Y Js w),   N = M + Js' X'^-1 Y Js.
+///     N w = Js' X'^-1 r,   d = X'^-1 (r - Y Js w),   N = M + Js' X'^-1 Y Js,
+/// and the reduced system (T35) likewise, with E, F and its diagonal for Y and X'.
 class MassSpaceSystem final : public ScaledDelassus {
  public:
   void setup(const SparseMatrix& mass, const SparseMatrix& jacobian, const SparseMatrix& inverse_mass_jacobian,
@@ -28,6 +34,9 @@ class MassSpaceSystem final : public ScaledDelassus {
   bool factor(const BlockDiagonal& x) override { return factor(x, nullptr); }
   int determinant_sign() const override { return sign_; }
   void solve(VectorRef rhs) const override;
+  bool reduces() const override { return true; }
+  bool factor_reduced(const std::vector<ReducedSet>& sets, double delta) override;
+  void solve_reduced(VectorRef rhs) const override;
 
  private:
   /// Rows of one set times the columns of one block of velocities: a dense piece of Js.
@@ -41,7 +50,21 @@ class MassSpaceSystem final : public ScaledDelassus {
     Index value;
   };
 
+  /// A set of the reduced system: its kind and the inverse of its block of D, damping + delta + weight.
+  struct Reduced {
+    ReducedSet::Kind kind;
+    double u0, u1, friction, weight;
+    double inverse[4];  // Stick, Normal, Line: of the diagonal; Slip: 2 x 2, column-major
+  };
+
   bool factor(const BlockDiagonal& x, const BlockDiagonal* y);
+  void assemble();
+  void multiply_transposed(const Vector& r, Vector& w) const;  // w = Js' r
+  void add_product(const Vector& w, VectorRef y) const;        // y += Js w
+  void solve_reduced_once(const Vector& r, Vector& x) const;
+  void reduce(const Vector& y, Vector& r) const;  // r = E' y
+  void expand(const Vector& x, Vector& y) const;  // y = F x
+  void divide(const Vector& r, Vector& x) const;  // x = D^-1 r
   bool same_pattern(const SparseMatrix& mass, const SparseMatrix& jacobian, const ConstraintSets& sets) const;
   void analyze(const SparseMatrix& mass, const SparseMatrix& jacobian, const ConstraintSets& sets);
 
@@ -58,7 +81,9 @@ class MassSpaceSystem final : public ScaledDelassus {
   SparseMatrix inverse_;  // M^-1 Js'
   BlockDiagonal x_inverse_, y_, c_;
   int sign_ = 0;
-  mutable Vector w_, r_;
+  std::vector<Reduced> reduced_;
+  double delta_ = 0.0;
+  mutable Vector w_, r_, y_rows_, x_rows_, rhs_rows_, correction_;
 };
 
 bool MassSpaceSystem::same_pattern(const SparseMatrix& mass, const SparseMatrix& jacobian,
@@ -171,7 +196,8 @@ void MassSpaceSystem::analyze(const SparseMatrix& mass, const SparseMatrix& jaco
   jacobian_outer_.assign(jacobian.outerIndexPtr(), jacobian.outerIndexPtr() + nv + 1);
   jacobian_inner_.assign(jacobian.innerIndexPtr(), jacobian.innerIndexPtr() + jacobian.nonZeros());
   w_.resize(nv);
-  r_.resize(sets.size());
+  for (Vector* v : {&r_, &y_rows_, &x_rows_, &rhs_rows_, &correction_}) v->setZero(sets.size());
+  reduced_.resize(set_sizes_.size());
   for (BlockDiagonal* blocks : {&x_inverse_, &y_, &c_}) blocks->assign(set_sizes_.size(), Eigen::Matrix3d::Identity());
 }
 
@@ -195,14 +221,29 @@ void MassSpaceSystem::setup(const SparseMatrix& mass, const SparseMatrix& jacobi
 void MassSpaceSystem::apply(const ConstVectorRef& x, VectorRef y) const {
   w_.noalias() = inverse_ * x;
   y = damping_.cwiseProduct(x);
+  add_product(w_, y);
+}
+
+void MassSpaceSystem::add_product(const Vector& w, VectorRef y) const {
   for (const Piece& piece : pieces_) {
     const int rows = set_sizes_[piece.set];
     const double* j = js_.data() + piece.values;
     double* out = y.data() + set_offsets_[piece.set];
     for (int c = 0; c < block_sizes_[piece.block]; ++c) {
-      const double v = w_[block_offsets_[piece.block] + c];
+      const double v = w[block_offsets_[piece.block] + c];
       for (int r = 0; r < rows; ++r) out[r] += *j++ * v;
     }
+  }
+}
+
+void MassSpaceSystem::multiply_transposed(const Vector& r, Vector& w) const {
+  w.setZero();
+  for (const Piece& piece : pieces_) {
+    const int rows = set_sizes_[piece.set];
+    const double* j = js_.data() + piece.values;
+    const double* from = r.data() + set_offsets_[piece.set];
+    for (int c = 0; c < block_sizes_[piece.block]; ++c)
+      for (int k = 0; k < rows; ++k) w[block_offsets_[piece.block] + c] += *j++ * from[k];
   }
 }
 
@@ -230,6 +271,14 @@ bool MassSpaceSystem::factor(const BlockDiagonal& x, const BlockDiagonal* y) {
     if (determinant < 0.0) sign_ = -sign_;
     c_[i].noalias() = x_inverse_[i] * y_[i];
   }
+  assemble();
+  if (!lu_.factor()) return sign_ = 0, false;
+  sign_ *= lu_.determinant_sign();
+  return true;
+}
+
+/// Fills lu_ with M + Js' c_ Js.
+void MassSpaceSystem::assemble() {
   std::vector<double>& values = lu_.values();
   std::copy(mass_values_.begin(), mass_values_.end(), values.begin());
   for (const Product& product : products_) {
@@ -252,9 +301,6 @@ bool MassSpaceSystem::factor(const BlockDiagonal& x, const BlockDiagonal* y) {
       }
     }
   }
-  if (!lu_.factor()) return sign_ = 0, false;
-  sign_ *= lu_.determinant_sign();
-  return true;
 }
 
 void MassSpaceSystem::solve(VectorRef rhs) const {
@@ -270,28 +316,162 @@ void MassSpaceSystem::solve(VectorRef rhs) const {
   };
   r_ = rhs;
   multiply(x_inverse_, r_);
-  w_.setZero();
-  for (const Piece& piece : pieces_) {
-    const int rows = set_sizes_[piece.set];
-    const double* j = js_.data() + piece.values;
-    const double* from = r_.data() + set_offsets_[piece.set];
-    for (int c = 0; c < block_sizes_[piece.block]; ++c)
-      for (int r = 0; r < rows; ++r) w_[block_offsets_[piece.block] + c] += *j++ * from[r];
-  }
+  multiply_transposed(r_, w_);
   lu_.solve(w_);
   r_.setZero();
-  for (const Piece& piece : pieces_) {
-    const int rows = set_sizes_[piece.set];
-    const double* j = js_.data() + piece.values;
-    double* to = r_.data() + set_offsets_[piece.set];
-    for (int c = 0; c < block_sizes_[piece.block]; ++c) {
-      const double v = w_[block_offsets_[piece.block] + c];
-      for (int r = 0; r < rows; ++r) to[r] += *j++ * v;
-    }
-  }
+  add_product(w_, r_);
   multiply(y_, r_);
   rhs -= r_;
   multiply(x_inverse_, rhs);
+}
+
+bool MassSpaceSystem::factor_reduced(const std::vector<ReducedSet>& sets, double delta) {
+  using Kind = ReducedSet::Kind;
+  delta_ = delta;
+  bool symmetric = true;
+  for (std::size_t i = 0; i < sets.size(); ++i) {
+    const ReducedSet& set = sets[i];
+    const double* damping = damping_.data() + set_offsets_[i];
+    Reduced& reduced = reduced_[i];
+    reduced = {set.kind, set.u0, set.u1, set.friction, set.weight, {0.0, 0.0, 0.0, 0.0}};
+    double* inverse = reduced.inverse;
+    Eigen::Matrix3d& c = c_[i];
+    c.setZero();
+    switch (set.kind) {
+      case Kind::Fixed:
+        break;
+      case Kind::Line:
+        c(0, 0) = inverse[0] = 1.0 / (damping[0] + delta);
+        break;
+      case Kind::Normal:
+        c(2, 2) = inverse[0] = 1.0 / (damping[2] + delta);
+        break;
+      case Kind::Stick:
+        for (int k = 0; k < 3; ++k) c(k, k) = inverse[k] = 1.0 / (damping[k] + delta);
+        break;
+      case Kind::Slip: {
+        // D is upper triangular: along the slip N moves the tangents, but not the other way round.
+        const double across = set.u1 * set.u1 * damping[0] + set.u0 * set.u0 * damping[1] + delta + set.weight;
+        const double mixed = set.friction * set.u0 * set.u1 * (damping[1] - damping[0]);
+        const double normal = damping[2] + delta;
+        inverse[0] = 1.0 / across, inverse[2] = -mixed / (across * normal), inverse[3] = 1.0 / normal;
+        // F D^-1 E', with E = (v, N), F = (v, friction u + N).
+        const Eigen::Vector3d v(-set.u1, set.u0, 0.0), n(0.0, 0.0, 1.0);
+        const Eigen::Vector3d along(set.friction * set.u0, set.friction * set.u1, 1.0);
+        c = v * (inverse[0] * v + inverse[2] * n).transpose() + along * (inverse[3] * n).transpose();
+        if (set.friction != 0.0) symmetric = false;
+        break;
+      }
+    }
+  }
+  assemble();
+  if (symmetric && lu_.factor_symmetric()) return true;
+  if (symmetric) assemble();
+  return lu_.factor();
+}
+
+void MassSpaceSystem::reduce(const Vector& y, Vector& r) const {
+  using Kind = ReducedSet::Kind;
+  for (std::size_t i = 0; i < reduced_.size(); ++i) {
+    const Reduced& set = reduced_[i];
+    const int o = set_offsets_[i];
+    switch (set.kind) {
+      case Kind::Fixed:
+        break;
+      case Kind::Line:
+        r[o] = y[o];
+        break;
+      case Kind::Normal:
+        r[o] = y[o + 2];
+        break;
+      case Kind::Slip: {
+        const double normal = y[o + 2];
+        r[o] = set.u0 * y[o + 1] - set.u1 * y[o];
+        r[o + 1] = normal;
+        break;
+      }
+      case Kind::Stick:
+        for (int k = o; k < o + 3; ++k) r[k] = y[k];
+        break;
+    }
+  }
+}
+
+void MassSpaceSystem::expand(const Vector& x, Vector& y) const {
+  using Kind = ReducedSet::Kind;
+  y.setZero();
+  for (std::size_t i = 0; i < reduced_.size(); ++i) {
+    const Reduced& set = reduced_[i];
+    const int o = set_offsets_[i];
+    switch (set.kind) {
+      case Kind::Fixed:
+        break;
+      case Kind::Line:
+        y[o] = x[o];
+        break;
+      case Kind::Normal:
+        y[o + 2] = x[o];
+        break;
+      case Kind::Slip: {
+        const double along = set.friction * x[o + 1];
+        y[o] = along * set.u0 - x[o] * set.u1;
+        y[o + 1] = along * set.u1 + x[o] * set.u0;
+        y[o + 2] = x[o + 1];
+        break;
+      }
+      case Kind::Stick:
+        for (int k = o; k < o + 3; ++k) y[k] = x[k];
+        break;
+    }
+  }
+}
+
+void MassSpaceSystem::divide(const Vector& r, Vector& x) const {
+  using Kind = ReducedSet::Kind;
+  for (std::size_t i = 0; i < reduced_.size(); ++i) {
+    const Reduced& set = reduced_[i];
+    const int o = set_offsets_[i];
+    if (set.kind == Kind::Slip) {
+      x[o] = set.inverse[0] * r[o] + set.inverse[2] * r[o + 1];
+      x[o + 1] = set.inverse[3] * r[o + 1];
+      continue;
+    }
+    const int rows = num_rows(set.kind);
+    for (int k = 0; k < rows; ++k) x[o + k] = set.inverse[k] * r[o + k];
+  }
+}
+
+/// x = D^-1 (r - E' Js w),   N w = Js' F D^-1 r,   N = M + Js' F D^-1 E' Js.
+void MassSpaceSystem::solve_reduced_once(const Vector& r, Vector& x) const {
+  divide(r, x);
+  expand(x, y_rows_);
+  multiply_transposed(y_rows_, w_);
+  lu_.solve(w_);
+  y_rows_.setZero();
+  add_product(w_, y_rows_);
+  reduce(y_rows_, x);
+  r_ = r - x;
+  divide(r_, x);
+}
+
+void MassSpaceSystem::solve_reduced(VectorRef rhs) const {
+  rhs_rows_ = rhs;
+  solve_reduced_once(rhs_rows_, x_rows_);
+  // A small D divides by little and so costs digits: once more for what is left.
+  expand(x_rows_, y_rows_);
+  apply(y_rows_, r_);
+  reduce(r_, correction_);
+  for (std::size_t i = 0; i < reduced_.size(); ++i) {
+    const Reduced& set = reduced_[i];
+    const int rows = num_rows(set.kind);
+    for (int k = set_offsets_[i]; k < set_offsets_[i] + rows; ++k) rhs_rows_[k] -= correction_[k] + delta_ * x_rows_[k];
+    if (set.kind == ReducedSet::Kind::Slip) rhs_rows_[set_offsets_[i]] -= set.weight * x_rows_[set_offsets_[i]];
+  }
+  solve_reduced_once(rhs_rows_, correction_);
+  for (std::size_t i = 0; i < reduced_.size(); ++i) {
+    const int o = set_offsets_[i], rows = num_rows(reduced_[i].kind);
+    for (int k = o; k < o + rows; ++k) rhs[k] = x_rows_[k] + correction_[k];
+  }
 }
 
 void check_finite(const SparseMatrix& matrix, const char* field) {

@@ -57,6 +57,8 @@ void ConstraintSets::set_bounds(Index i, double lower, double upper) {
   sets_[static_cast<std::size_t>(i)].upper = upper;
 }
 
+void ConstraintSets::set_friction(Index i, double friction) { sets_[static_cast<std::size_t>(i)].friction = friction; }
+
 void ConstraintSets::clear() {
   sets_.clear();
   size_ = num_contacts_ = 0;

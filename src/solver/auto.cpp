@@ -28,12 +28,22 @@ constexpr double kFirstFinish = 1e-6;    // certificate at which Newton first tr
 constexpr double kQuick = 0.6;           // what a step leaves of the certificate below which the interior point goes on
 constexpr double kFirstProximal = 1e-4;  // certificate at which proximal Newton tries, once a start
 constexpr double kWeight = 3e-4, kWeightShare = 30.0, kHighWeight = 0.3;  // its first weight; late: of the certificate
-constexpr int kWarmProximal = 15, kProximal = 150;                        // factorisations granted to it
+// Factorisations granted to it, and how many of them without halving the certificate; for a large island.
+constexpr int kWarmProximal = 15, kProximal = 150, kProximalPatience = 60;
+constexpr int kLargeProximal = 800, kLargeProximalPatience = 400;
 constexpr int kFinish = 3, kLateFinish = 6, kLastFinish = 12;
 constexpr int kLate = 25;  // interior-point iterations after which Newton tries earlier
 constexpr double kLateFactor = 100.0;
 constexpr int kPatience = 15, kSteps = 60;
 constexpr int kLarge = 250;  // sets beyond which the interior point only has to come near, for repair() to go on
+// Continuation in friction: factors to begin with, by how much the factor grows, factorisations granted.
+constexpr double kFrictionStarts[] = {0.3, 0.1, 0.01};
+constexpr double kFrictionGrowth = 1.1, kMostFrictionGrowth = 1.3, kLeastFrictionGrowth = 1.001;
+constexpr int kFrictionBudget = 300, kFrictionSets = 50;  // the latter of an island that is solved, if not for certain
+constexpr double kCertainShare = 1e3;     // tolerances that a residual over the free velocity may have, to be certain
+constexpr double kLargestImpulse = 1e10;  // over the free velocity: beyond it rounding alone makes residuals small
+constexpr double kNoSolution = 1e8;       // over the free velocity: a solution larger than this counts as none
+constexpr double kRaySoftness = 1e-9, kRaySlope = 1e-6;
 constexpr int kPatch = 100;  // sets of a patch
 constexpr int kPatchBudget = 150, kRepairRounds = 30;
 constexpr double kPatchTolerance = 1e-9;
@@ -100,9 +110,36 @@ class Ladder {
   SolverType method = SolverType::Auto;                   ///< that found it; Auto: none was needed
 
   void solve(const GrowVector* guess) {
+    climb(guess);
+    const bool small = problem_.sets.num_sets() <= kFrictionSets;
+    if (!guess && may_repair_ && proximal_ && max_factorizations_ >= kBudget && (small || !done()) && !certain())
+      friction_continuation();
+  }
+
+  /// Whether the best iterate points along a ray that rules out every solution of reasonable size (T49).
+  bool infeasible() {
+    GrowVector ray = w_.best, velocity;
+    velocity.resize(ray.size());
+    keep_ray(ray);
+    // What is left of it where G + R is next to nothing.
+    const BlockDiagonal soft(static_cast<std::size_t>(problem_.sets.num_sets()),
+                             Eigen::Matrix3d(kRaySoftness * Eigen::Matrix3d::Identity()));
+    ++factorizations;
+    if (!problem_.system->factor(soft)) return false;
+    problem_.system->solve(ray);
+    ray *= kRaySoftness;
+    keep_ray(ray);
+    problem_.system->apply(ray, velocity);
+    const double slope = -problem_.b.dot(ray);
+    return slope > kRaySlope * problem_.b.norm() * ray.norm() &&
+           slope >= kNoSolution * problem_.reference * velocity.norm();  // false for NaN
+  }
+
+ private:
+  void climb(const GrowVector* guess) {
     proximal_ = law_ == Law::Ncp && problem_.system->reduces();
     active_newton_ = guess && proximal_;
-    const bool sweeps_first = proximal_ && (!guess || aim_ >= kLoose);
+    const bool sweeps_first = proximal_ && problem_.system->has_columns() && (!guess || aim_ >= kLoose);
     if (guess && !sweeps_first && newton(*guess, kWarmNewton)) return;
     w_.scratch.setZero(problem_.size());
     offer(w_.scratch, natural_residual(problem_, law_, w_.scratch, problem_.b, w_.newton.natural), SolverType::Auto);
@@ -120,9 +157,9 @@ class Ladder {
       if (out_of_budget()) break;
       if (proximal_ && !tried_proximal_) {
         const double weight = std::clamp(kWeightShare * w_.interior_point.relative(), kWeight, kHighWeight);
-        if (proximal_newton(w_.interior_point.impulse(), kProximal, weight)) return;
+        if (proximal_newton(w_.interior_point.impulse(), proximal_budget(), weight)) return;
       }
-      if (may_repair_ && num_sets > kLarge && repair()) return;
+      if (large() && repair()) return;
       if (newton(w_.interior_point.impulse(), kLastFinish)) return;
     }
     if (!out_of_budget() && continuation()) return;
@@ -130,13 +167,49 @@ class Ladder {
     if (may_repair_ && max_factorizations_ >= kBudget) first_order();
   }
 
- private:
+  /// Projects on the directions d with d . s >= 0 for all s that the law allows.
+  void keep_ray(GrowVector& ray) const {
+    for (const ConstraintSet& set : problem_.sets) {
+      double* d = ray.data() + set.offset;
+      switch (set.type) {
+        case SetType::FrictionCone:
+          if (law_ == Law::Ncp)
+            d[0] = d[1] = 0.0, d[2] = std::max(d[2], 0.0);
+          else
+            project_friction_cone(set.friction, d, d);
+          break;
+        case SetType::HalfLine:
+          *d = std::max(*d, 0.0);
+          break;
+        case SetType::Interval:
+          if (std::isfinite(*d > 0.0 ? set.upper : set.lower)) *d = 0.0;
+          break;
+        case SetType::Equality:
+          break;
+      }
+    }
+  }
+
   bool done() const { return best <= tolerance_; }
+  /// Whether the best iterate's residual is small against the free velocity too, and not only against its own size, as
+  /// that of an impulse on its way to infinity is.
+  bool certain() {
+    const double share_weight = problem_.share_weight;
+    problem_.share_weight = strict_weight();
+    problem_.system->apply(w_.best, w_.newton.t);
+    w_.newton.t += problem_.b;
+    const double relative = natural_residual(problem_, law_, w_.best, w_.newton.t, w_.newton.natural);
+    problem_.share_weight = share_weight;
+    return relative <= tolerance_;
+  }
+  double strict_weight() const { return std::max(problem_.share_weight, 1.0 / kCertainShare); }
   /// Good enough for the whole problem, whose certificate has a larger scale than the island's.
   bool acceptable() const {
     const double scale = std::max(problem_.reference, std::sqrt(3.0) * w_.best.lpNorm<Eigen::Infinity>());
     return best * scale <= tolerance_ * global_reference_;
   }
+  bool large() const { return may_repair_ && problem_.sets.num_sets() > kLarge; }
+  int proximal_budget() const { return large() ? kLargeProximal : kProximal; }
   bool out_of_budget() const { return factorizations >= max_factorizations_; }
 
   /// The island as a problem of its own, which only the last rungs need.
@@ -161,6 +234,7 @@ class Ladder {
 
   void offer(const ConstVectorRef& l, double relative, SolverType by) {
     if (!(relative < best)) return;
+    if (best <= 1.0 && l.lpNorm<Eigen::Infinity>() > kLargestImpulse * problem_.reference) return;
     best = relative;
     method = by;
     w_.best = l;
@@ -187,6 +261,48 @@ class Ladder {
     if (!done()) newton(l, kLastFinish);
   }
 
+  /// Follows the solution for `factor` times the friction (T48), easy for small factors, as the factor rises to 1.
+  bool friction_continuation() {
+    const double best_before = best;
+    const GrowVector before = w_.best;
+    const SolverType method_before = method;
+    const ConstraintSets sets = problem_.sets;
+    const double share_weight = problem_.share_weight;
+    problem_.share_weight = strict_weight();
+    const auto scale_friction = [&](double factor) {
+      for (Index i = 0; i < sets.num_sets(); ++i)
+        if (sets[i].type == SetType::FrictionCone) problem_.sets.set_friction(i, factor * sets[i].friction);
+      best = std::numeric_limits<double>::infinity();
+    };
+    const int limit = factorizations + kFrictionBudget;
+    GrowVector l;
+    double reached = 0.0, growth = kFrictionGrowth;
+    for (const double factor : kFrictionStarts) {
+      scale_friction(factor);
+      if (!interior_point(nullptr, kAttempts[0], kPatience, kSteps)) continue;
+      l = w_.best;
+      reached = factor;
+      break;
+    }
+    while (reached > 0.0 && reached < 1.0 && growth > kLeastFrictionGrowth && factorizations < limit) {
+      const double factor = std::min(1.0, growth * reached);
+      scale_friction(factor);
+      if (newton(l, kLastFinish) || proximal_newton(l, kProximal)) {
+        l = w_.best;
+        reached = factor;
+        growth = std::min(std::pow(growth, 1.3), kMostFrictionGrowth);
+      } else {
+        growth = std::sqrt(growth);
+      }
+    }
+    problem_.sets = sets;
+    problem_.share_weight = share_weight;
+    if (reached == 1.0) return true;
+    best = best_before;
+    w_.best = before;
+    method = method_before;
+    return false;
+  }
   /// Follows the solution of A + weight I (T42), easy for large weights, as the weight falls to 0.
   bool continuation() {
     const double best_before = best;
@@ -346,11 +462,13 @@ class Ladder {
     return done();
   }
 
-  bool proximal_newton(const GrowVector& from, int max_factorizations, double weight = kWeight,
-                       int patience = kProximalPatience) {
+  bool proximal_newton(const GrowVector& from, int max_factorizations, double weight = kWeight) {
+    return proximal_newton(from, max_factorizations, weight, large() ? kLargeProximalPatience : kProximalPatience);
+  }
+  bool proximal_newton(const GrowVector& from, int max_factorizations, double weight, int patience) {
     w_.newton.l = from;
     const NewtonResult result =
-        proximal_newton_iterations(problem_, tolerance_, weight, max_factorizations, w_.newton, observer(), patience);
+        proximal_newton_iterations(problem_, tolerance_, weight, max_factorizations, patience, w_.newton, observer());
     iterations += result.iterations;
     factorizations += result.factorizations;
     offer(w_.newton.best, result.relative, SolverType::Newton);
@@ -386,7 +504,7 @@ class Ladder {
       const bool late = interior.held_back() || interior.iterations() > kLate;
       if (proximal_ && relative <= kFirstProximal && relative > kQuick * last && !tried_proximal_) {
         tried_proximal_ = true;
-        if (proximal_newton(interior.impulse(), kProximal)) return true;
+        if (proximal_newton(interior.impulse(), proximal_budget())) return true;
       }
       if (relative <= next * (late ? kLateFactor : 1.0)) {
         next = late ? 0.3 * relative / kLateFactor : 0.1 * relative;
@@ -472,7 +590,7 @@ void solve_islands(const ContactProblem& problem, const Settings& settings, Auto
                                         std::sqrt(problem.scale()[set.offset]));
 
   const int num_islands = find_members(problem, w);
-  bool out_of_iterations = false;
+  bool out_of_iterations = false, infeasible = false;
   Index largest = -1;
   int history_factorizations = 0;  // of the islands so far, one after the other
   Recorder recorder(problem, settings, solution);
@@ -523,11 +641,15 @@ void solve_islands(const ContactProblem& problem, const Settings& settings, Auto
     solution.factorizations = std::max(solution.factorizations, ladder.factorizations);
     if (w.problem.size() > largest) largest = w.problem.size(), solution.solver = ladder.method;
     if (ladder.best > settings.tolerance && ladder.factorizations >= budget) out_of_iterations = true;
+    if (may_repair && ladder.best > settings.tolerance && settings.max_iterations == 0 && ladder.infeasible())
+      infeasible = true;
     w.impulse.resize(w.problem.size());
     w.problem.to_impulse(w.best, w.impulse);
     for_each_row([&](Index own, Index row) { solution.impulse[row] = w.impulse[own]; });
   }
   finish(problem, settings, out_of_iterations, solution);
+  if (infeasible && solution.status != Status::Invalid && solution.status != Status::Solved)
+    solution.status = Status::Infeasible;
 }
 
 }  // namespace

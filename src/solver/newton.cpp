@@ -23,7 +23,7 @@ constexpr double kChordGain = 0.3;  // what such a step must leave of the residu
 constexpr double kLeastGain = 0.3;  // what an iteration must leave, once the tolerance holds
 // Proximal steps: the largest weight, what an inner solve aims at and has to leave of the residual, its iterations, and
 // how the weight moves.
-constexpr double kLargestWeight = 1.0, kProximalGain = 0.1, kConverged = 0.3, kHarder = 10.0, kEasier = 0.5;
+constexpr double kLargestWeight = 1.0, kProximalGain = 0.3, kConverged = 0.3, kHarder = 10.0, kEasier = 0.5;
 constexpr int kProximalSteps = 15, kFewSteps = 4;
 constexpr double kSameDirection = 0.9;  // cosine between two proximal steps beyond which the second one is doubled
 constexpr double kLargestDelta = 1e-2, kSmallestDelta = 1e-7, kDeltaFactor = 0.1;
@@ -377,7 +377,7 @@ NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, 
 }
 
 NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance, double weight, int max_factorizations,
-                                        NewtonMemory& m, const IterateObserver& observe, int patience) {
+                                        int patience, NewtonMemory& m, const IterateObserver& observe) {
   const NoMalloc guard;
   NewtonResult result;
   const auto evaluate = [&](const GrowVector& l) {

@@ -227,6 +227,30 @@ def unsolvable():
     yield ContactProblem(np.array([[1.0, -1], [-1, 1]]), [-1.0, -1], constraints=[HalfLine(), HalfLine()])
 
 
+@pytest.mark.parametrize("law", ["ncp", "ccp"])
+def test_auto_says_infeasible(law):
+    for problem in unsolvable():
+        s = signorini.solve(problem, law=law)
+        assert s.status == "infeasible"
+        # What proves it: the impulse's normal part moves nothing, so the velocity along it stays negative.
+        ray = s.impulse.copy()
+        if problem.num_contacts:
+            ray.reshape(-1, 3)[:, :2] = 0.0
+            ray[2] = 0.0  # of the contact that could move
+        assert np.abs(problem.delassus @ ray).max() <= 1e-7 * ray.max()
+        assert problem.free_velocity @ ray <= -0.5 * ray.max()
+
+
+def test_impulses_stay_small_where_a_solution_of_large_friction_exists(data):
+    file = data / "chain" / "Chain-i00635-24.hdf5"
+    if not file.exists():
+        pytest.skip(f"no {file}")
+    problem = signorini.scenes.STRESSES["friction 10"](signorini.fclib.read(file))
+    s = signorini.solve(problem, tolerance=1e-8)
+    assert s.solved
+    assert s.residual.against_free_velocity <= 1e-5  # 0.02 once, for an impulse on its way to infinity
+
+
 @pytest.mark.parametrize("problem", list(unsolvable()), ids=["contacts", "half lines"])
 @pytest.mark.parametrize("law", ["ncp", "ccp"])
 @pytest.mark.parametrize("solver", SOLVERS)

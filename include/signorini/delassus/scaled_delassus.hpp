@@ -44,16 +44,19 @@ class ScaledDelassus {
   /// Solves with the last factorisation, in place.
   virtual void solve(VectorRef rhs) const = 0;
 
-  /// True when A is at hand, and with it the next four.
+  /// True when the next two are there.
   virtual bool reduces() const { return false; }
   /// Factors the reduced matrix E^T A F + delta I + weights (T35). False when it is singular or not finite.
   virtual bool factor_reduced(const std::vector<ReducedSet>& /*sets*/, double /*delta*/) { return false; }
+  /// Solves with it in place: rhs and solution start at each set's first row, the rest of its rows is left alone.
+  virtual void solve_reduced(VectorRef /*rhs*/) const {}
+
+  /// True when A is at hand, and with it the next two.
+  virtual bool has_columns() const { return false; }
   /// The block of A on the rows of a set; of a one-row set, entry (0, 0).
   virtual Eigen::Matrix3d diagonal_block(Index /*set*/) const { return Eigen::Matrix3d::Zero(); }
   /// y += A(:, rows of a set) x.
   virtual void add_columns(Index /*set*/, const double* /*x*/, double* /*y*/) const {}
-  /// Solves with it in place: rhs and solution start at each set's first row, the rest of its rows is left alone.
-  virtual void solve_reduced(VectorRef /*rhs*/) const {}
 };
 
 }  // namespace signorini

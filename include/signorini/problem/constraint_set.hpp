@@ -49,6 +49,8 @@ class ConstraintSets {
   void add(ConstraintSet set);
   /// Of an interval; lower <= upper is the caller's business.
   void set_bounds(Index i, double lower, double upper);
+  /// Replaces the coefficient of a friction cone.
+  void set_friction(Index i, double friction);
   /// No sets again; the memory is kept.
   void clear();
 

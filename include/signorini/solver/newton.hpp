@@ -57,8 +57,7 @@ constexpr int kProximalPatience = 60;
 /// impulse nearly free. For systems that reduce() only. weight: of that term in the first step. patience:
 /// factorisations without halving the residual after which it gives up.
 NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance, double weight, int max_factorizations,
-                                        NewtonMemory& memory, const IterateObserver& observe = {},
-                                        int patience = kProximalPatience);
+                                        int patience, NewtonMemory& memory, const IterateObserver& observe = {});
 
 struct NewtonWorkspace {
   ScaledProblem problem;

@@ -29,7 +29,7 @@ BOOST_AUTO_TEST_CASE(columns_and_diagonal_blocks_are_those_of_the_matrix) {
       const Planted planted = plant(61, contacts, Law::Ncp, type, true, compliance_of(contacts, true));
       ScaledProblem scaled;
       scaled.setup(planted.problem, 1e-4);
-      if (!scaled.system->reduces()) continue;
+      if (!scaled.system->has_columns()) continue;
       const Index n = scaled.size();
       Matrix a(n, n);
       for (Index k = 0; k < n; ++k) {

@@ -144,7 +144,7 @@ namespace {
 /// A chain of bodies with `contacts` cones between neighbours, an equality on every third: sparse when long.
 struct Chain {
   ConstraintSets sets;
-  Matrix g;
+  Matrix jacobian, g;  // of unit masses
 };
 
 Chain chain(Index contacts, std::uint64_t seed) {
@@ -163,9 +163,9 @@ Chain chain(Index contacts, std::uint64_t seed) {
     out.sets.add_friction_cone(random.uniform(0.1, 1.0)), add(3);
     if (c % 3 == 0) out.sets.add_equality(), add(1);
   }
-  Matrix jacobian(static_cast<Index>(rows.size()), nv);
-  for (std::size_t r = 0; r < rows.size(); ++r) jacobian.row(static_cast<Index>(r)) = rows[r].transpose();
-  out.g = jacobian * jacobian.transpose();
+  out.jacobian.resize(static_cast<Index>(rows.size()), nv);
+  for (std::size_t r = 0; r < rows.size(); ++r) out.jacobian.row(static_cast<Index>(r)) = rows[r].transpose();
+  out.g = out.jacobian * out.jacobian.transpose();
   return out;
 }
 
@@ -208,11 +208,16 @@ BOOST_AUTO_TEST_CASE(reduced_systems_are_solved) {
   std::unique_ptr<ScaledDelassus> system;
   for (const Index contacts : {1, 3, 8, 40}) {  // the last one sparse, the first ones dense
     const Chain c = chain(contacts, 5);
-    const Vector scale = Vector::Constant(c.sets.size(), 0.7), compliance = Vector::Constant(c.sets.size(), 1e-2);
+    const Vector scale = Vector::Constant(c.sets.size(), 0.7);
+    const Vector compliance = 1e-2 * (random.vector(c.sets.size()).array().abs() + 0.1);
     const Matrix a = 0.49 * (c.g + Matrix(compliance.asDiagonal()));
-    for (const Operator type : {Operator::Sparse, Operator::Block, Operator::Coupled}) {
+    for (const Operator type : {Operator::Sparse, Operator::MassSpace, Operator::Block, Operator::Coupled}) {
       if (type == Operator::Sparse) {
         SparseDelassus(SparseMatrix(c.g.sparseView())).prepare(c.sets, scale, compliance, system);
+      } else if (type == Operator::MassSpace) {
+        const Index nv = c.jacobian.cols();
+        const SparseMatrix mass = Matrix::Identity(nv, nv).sparseView(), jacobian = c.jacobian.sparseView();
+        MassSpaceDelassus(mass, jacobian).prepare(c.sets, scale, compliance, system);
       } else if (type == Operator::Coupled) {
         CoupledDelassus coupled;
         Eigen::Map<Matrix>(coupled.reset(c.sets.size()), c.sets.size(), c.sets.size()) = c.g;

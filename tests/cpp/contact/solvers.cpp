@@ -251,6 +251,31 @@ BOOST_AUTO_TEST_CASE(what_has_no_solution_is_never_solved) {
   }
 }
 
+BOOST_AUTO_TEST_CASE(auto_says_infeasible_where_a_ray_proves_it) {
+  Settings settings;
+  for (const ContactProblem& problem : unsolvable_problems())
+    for (const Law law : {Law::Ncp, Law::Ccp}) {
+      settings.law = law;
+      BOOST_TEST((solve(problem, settings).status == Status::Infeasible));
+    }
+  // A block with given tangential velocity slides between two walls: the CCP wants it to part from both, the NCP not.
+  Matrix g = Matrix::Zero(6, 6);
+  g(2, 2) = g(5, 5) = 0.5, g(2, 5) = g(5, 2) = -0.5;
+  Vector free = Vector::Zero(6);
+  free[0] = free[3] = 1.0;
+  for (const double closing : {0.0, 0.2}) {  // of one wall, which the other gives way to
+    free[2] = -closing, free[5] = closing;
+    const ContactProblem problem(dense(g), free, ConstraintSets::friction_cones(Vector::Constant(2, 0.5)));
+    settings.law = Law::Ccp;
+    BOOST_TEST((solve(problem, settings).status == Status::Infeasible));
+    settings.law = Law::Ncp;
+    solved(problem, settings);
+  }
+  // Few factorisations are no proof.
+  settings.max_iterations = 3;
+  BOOST_TEST((solve(unsolvable_problems().front(), settings).status != Status::Infeasible));
+}
+
 BOOST_AUTO_TEST_CASE(history_ends_with_the_answer) {
   const Planted planted = plant(42, 4, Law::Ncp);
   for (const SolverType solver : {SolverType::Admm, SolverType::Pgs}) {
