@@ -21,6 +21,7 @@ constexpr double kSkin = 0.3;  // how far a box may move before the candidates a
 constexpr std::size_t kFewPairs = 8;
 constexpr double kTouches = 1e-6;   // [m] what is nearer is not swept: its contact acts already
 constexpr double kHugs = 5e-7;      // [m] what touches may sink in by so much more before it meets again
+constexpr double kSinksDeep = 0.1;  // of the margin: how much deeper such a pair may go in a step
 constexpr double kSameTime = 1e-9;  // of the step: meetings nearer in time than this are one
 constexpr char kMagic[] = "signorini detector 1";
 
@@ -406,7 +407,7 @@ struct Detector::Impl {
       for (const std::size_t frame : frames_of(hit))
         if (frame > 0) first_hit[frame] = std::min(first_hit[frame], hit.meeting.time);
     bool any = false;
-    for (const Hit& hit : hits) {
+    for (Hit& hit : hits) {
       bool first = true;
       for (const std::size_t frame : frames_of(hit))
         first = first && (frame == 0 || hit.meeting.time <= first_hit[frame] + kSameTime * duration);
@@ -415,6 +416,12 @@ struct Detector::Impl {
         any = true;
         continue;
       }
+      // What is convex and touches already is held only before it sinks in deep, so that it gets on in every step: its
+      // points keep it apart but for what it turns off the straight way.
+      if (find_points(hit.a, hit.b).first > 0 && !is_field(hit.a) && !is_field(hit.b) &&
+          !find_meeting(narrow_phase, moving(hit.a), moving(hit.b), duration, settings.margin,
+                        kSinksDeep * settings.margin, hit.meeting))
+        continue;
       if (shares.empty()) shares.assign(motions->size(), 1.0);
       for (const std::size_t frame : frames_of(hit))
         shares[frame] = std::min(shares[frame], std::max(0.0, hit.meeting.time / duration));
@@ -422,9 +429,11 @@ struct Detector::Impl {
     return any;
   }
 
+  bool is_field(int geometry) const { return solids[geometry].type == ShapeType::HeightField; }
+
   /// A plane keeps apart what is convex and goes straight, but height fields have many, and what turns goes along arcs.
   bool may_meet_again(int a, int b) const {
-    if (solids[a].type == ShapeType::HeightField || solids[b].type == ShapeType::HeightField) return true;
+    if (is_field(a) || is_field(b)) return true;
     const auto bends = [this](int geometry) {
       const Moving its = moving(geometry);
       return 0.5 * duration * duration * its.motion.angular.squaredNorm() * its.arm();
