@@ -79,6 +79,7 @@ class Reader {
  private:
   void raw(void* data, std::size_t size) {
     if (size > bytes_.size() - at_) fail("ends too early");
+    if (size == 0) return;  // data may be null
     std::memcpy(data, bytes_.data() + at_, size);
     at_ += size;
   }
