@@ -152,8 +152,9 @@ struct Detector::Impl {
   // Of a step with fast geometries: what sweeps are made with
   const std::vector<FrameMotion>* motions = nullptr;
   double duration = 0.0;
-  std::vector<double> travel;  // how far a geometry's points go at most [m]; empty: nothing is fast
-  std::vector<Bounds> swept;   // bounds over the whole step
+  std::vector<double> travel;   // how far a geometry's points go at most [m]; empty: nothing is fast
+  std::vector<double> turning;  // how fast by turning [m/s]
+  std::vector<Bounds> swept;    // bounds over the whole step
   std::vector<Hit> hits;
   std::vector<double> first_hit;  // by frame
   std::vector<double> shares;     // likewise; see Detector::shares()
@@ -276,17 +277,23 @@ struct Detector::Impl {
     const auto frame = static_cast<std::size_t>(geometries[geometry].frame);
     return frame == 0 || frame >= motions->size() ? FrameMotion() : (*motions)[frame];
   }
+  Vector3 velocity(int geometry) const {
+    const auto frame = static_cast<std::size_t>(geometries[geometry].frame);
+    return frame == 0 || frame >= motions->size() ? Vector3(Vector3::Zero()) : (*motions)[frame].velocity;
+  }
   Moving moving(int geometry) const { return {solids[geometry], placements[geometry], motion(geometry)}; }
 
   /// How far geometries go, and their bounds on the way; false if no pair can be fast. After place().
   bool set_motions(const std::vector<FrameMotion>& its_motions, double its_duration) {
     motions = &its_motions, duration = its_duration;
     travel.assign(geometries.size(), 0.0);
+    turning.assign(geometries.size(), 0.0);
     double most = 0.0;
     for (std::size_t k = 0; k < geometries.size(); ++k) {
       if (geometries[k].frame == 0 || !std::isfinite(bounds[k].radius)) continue;
       const Moving its = moving(static_cast<int>(k));
-      const double way = duration * (its.motion.velocity.norm() + its.motion.angular.norm() * its.arm());
+      turning[k] = its.motion.angular.norm() * its.arm();
+      const double way = duration * (its.motion.velocity.norm() + turning[k]);
       if (!std::isfinite(way)) continue;
       travel[k] = way;
       most = std::max(most, way);
@@ -299,8 +306,9 @@ struct Detector::Impl {
     for (std::size_t k = 0; k < geometries.size(); ++k) {
       if (travel[k] == 0.0) continue;
       const FrameMotion its = motion(static_cast<int>(k));
-      const double arm = moving(static_cast<int>(k)).arm();
-      const double turn = std::min(2.0, duration * its.angular.norm()) * arm;
+      // A turn moves a point by its arc, at most twice its arm.
+      const double angular = its.angular.norm();
+      const double turn = angular > 0.0 ? std::min(2.0, duration * angular) * turning[k] / angular : 0.0;
       const Vector3 way = duration * its.velocity;
       swept[k].lower += way.cwiseMin(0.0) - Vector3::Constant(turn);
       swept[k].upper += way.cwiseMax(0.0) + Vector3::Constant(turn);
@@ -367,7 +375,10 @@ struct Detector::Impl {
   }
 
   bool must_sweep(int a, int b) const {
-    return is_fast(a, b) && closing_speed(moving(a), moving(b), duration) * duration > settings.sweep_from;
+    if (!is_fast(a, b)) return false;
+    const double apart = (velocity(b) - velocity(a)).norm() + turning[a] + turning[b];
+    if (apart * duration <= settings.sweep_from) return false;
+    return closing_speed(moving(a), moving(b), duration) * duration > settings.sweep_from;
   }
 
   /// How many points of a pair there are, and where in the list, or where they would be.

@@ -12,6 +12,7 @@ namespace {
 // Of the square of a fast speed: (x + y)^2 <= 2 (x^2 + y^2), and some more, since the angular velocity of a body
 // changes as it turns.
 constexpr double kFree = 0.3;
+constexpr double kStaysSlow = 0.9;  // of a fast speed: what is slower, and turns little, is slow after the step too
 
 /// Radius of a ball about the origin of the geometry's frame that holds it.
 double reach(const World::Impl& w, const Geometry& geometry) {
@@ -85,14 +86,26 @@ bool FrameMotions::may_be_fast(const ConstVectorRef& v) {
   return most > kFree * fast_ * fast_;
 }
 
-/// Whether a point of some frame's geometries is; twists_: as they are.
-bool FrameMotions::is_fast(const Dynamics& dynamics) const {
+/// Whether two geometries may come nearer to each other by `slow` in a step; twists_: as they are. A robot that falls
+/// moves fast against the world, not against itself: its links count by their speed against the first.
+bool FrameMotions::is_fast(const Dynamics& dynamics) {
+  slow_now_ = false;
   if (dynamics.num_free_bodies() > 0) return true;  // looked at already, or few enough
+  const Vector3 first = twists_.size() > 1 ? twists_[1].at(dynamics.frames()[1].translation) : Vector3::Zero();
+  double fastest = 0.0, most = 0.0, second = 0.0, turns = 0.0;
   for (std::size_t f = 1; f < twists_.size(); ++f) {
     const Twist& twist = twists_[f];
-    if (twist.at(dynamics.frames()[f].translation).norm() + twist.angular.norm() * own_[f] > fast_) return true;
+    const Vector3 velocity = twist.at(dynamics.frames()[f].translation);
+    const double turn = twist.angular.norm(), way = turn * own_[f];
+    fastest = std::max(fastest, velocity.norm() + way);
+    const double own = (velocity - first).norm() + way;
+    second = std::max(second, std::min(most, own));
+    most = std::max(most, own);
+    turns = std::max(turns, turn);
   }
-  return false;
+  const double pair = std::max(fastest, most + second);
+  slow_now_ = pair <= kStaysSlow * 2.0 * fast_ && turns * time_step_ <= 0.5 * (1.0 - kStaysSlow);
+  return !(pair <= 2.0 * fast_);
 }
 
 void FrameMotions::keep(const ConstVectorRef& v) {

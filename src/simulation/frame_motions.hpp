@@ -22,7 +22,7 @@ class FrameMotions {
 
  private:
   bool may_be_fast(const ConstVectorRef& v);
-  bool is_fast(const Dynamics& dynamics) const;
+  bool is_fast(const Dynamics& dynamics);
 
   const World& world_;
   double time_step_;
