@@ -183,11 +183,14 @@ def _core_material(material: Material) -> Any:
         raise InvalidInputError(f"material: is a {type(material).__name__}, must be a signorini.Material")
     core = _simulator.Material()
     for key in ("friction", "restitution", "stiffness", "damping", "torsion", "rolling"):
-        setattr(core, key, float(getattr(material, key)))
+        value = getattr(material, key)
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+            raise InvalidInputError(f"{key}: is {value!r}, must be a number")
+        setattr(core, key, float(value))
     if material.friction_mix not in ("geometric", "maximum"):
         raise InvalidInputError(f"friction_mix: is {material.friction_mix!r}, must be 'geometric' or 'maximum'")
     core.friction_mix = getattr(_simulator.FrictionMix, material.friction_mix)
-    if material.condim not in (None, 1, 3, 4, 6):
+    if isinstance(material.condim, bool) or material.condim not in (None, 1, 3, 4, 6):
         raise InvalidInputError(f"condim: is {material.condim!r}, must be 1, 3, 4, 6 or None")
     core.condim = int(material.condim or 0)
     if not -(2**31) <= material.priority < 2**31:

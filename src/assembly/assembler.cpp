@@ -25,10 +25,6 @@ Vector3 rotation_vector(const Matrix3& rotation) {
   return turn.angle() * turn.axis();
 }
 
-bool is_moment(const Assembler::Set& set) {
-  return set.source == SetSource::Torsion || set.source == SetSource::Rolling;
-}
-
 /// y (Rows x 6, column-major) <- y times an upper triangular matrix.
 template <int Rows>
 void multiply_upper(double* y, const Eigen::Matrix<double, 6, 6>& upper) {
@@ -43,6 +39,10 @@ void multiply_upper(double* y, const Eigen::Matrix<double, 6, 6>& upper) {
 }
 
 }  // namespace
+
+bool is_moment(const Assembler::Set& set) {
+  return set.source == SetSource::Torsion || set.source == SetSource::Rolling;
+}
 
 Vector3 moment_of(const Assembler::Set& set, const double* impulse) {
   if (set.source == SetSource::Torsion) return *impulse * set.frame.col(2);

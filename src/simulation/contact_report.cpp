@@ -6,7 +6,7 @@ std::vector<Contact> contact_reports(const Assembler& assembler, const std::vect
                                      const ConstVectorRef& impulse, const ConstVectorRef& sigma, double time_step) {
   std::vector<Contact> list;
   for (const Assembler::Set& set : assembler.sets()) {
-    if (set.source == SetSource::Torsion || set.source == SetSource::Rolling) {  // after all contacts
+    if (is_moment(set)) {  // after all contacts
       Contact& contact = list[static_cast<std::size_t>(set.index)];
       contact.moment += contact.frame.transpose() * moment_of(set, impulse.data() + set.start) / time_step;
     }

@@ -145,7 +145,7 @@ void InverseDynamics::set_configuration(const ConstVectorRef& q, const std::vect
 
 void InverseDynamics::set_configuration(const ConstVectorRef& q) {
   Impl& s = *impl_;
-  if (s.detected_at.size() > 0 && s.detected_at.size() == q.size() && s.detected_at == q) {
+  if (!s.swept && s.detected_at.size() > 0 && s.detected_at.size() == q.size() && s.detected_at == q) {
     s.forget();
     return;
   }
@@ -160,15 +160,23 @@ void InverseDynamics::set_configuration(const ConstVectorRef& q) {
 void InverseDynamics::Impl::find_contacts(const Input& input) {
   if (detected_at.size() == 0) return;
   const double dt = settings.time_step;
-  const bool now = motions.find(dynamics, input.v);
-  if (!now && !swept && !motions.find(dynamics, u)) return;
+  // A step that is inverted knows what it met on ways that it did not go in the end.
+  if (input.simulator && input.simulator->settings().time_step == dt && input.simulator->stepped_from(q, input.v)) {
+    points = input.simulator->points();
+    swept = true;
+    return;
+  }
+  // Impulses that are given belong to the contacts of the configuration.
+  const bool given = input.impulse_guess.size() > 0;
+  const bool now = !given && motions.find(dynamics, input.v);
+  if (!now && !swept && (given || !motions.find(dynamics, u))) return;
   detector.reset();
   swept = now;
   if (now)
     detector.detect(dynamics.frames(), motions.list(), dt);
   else
     detector.detect(dynamics.frames());
-  if (motions.find(dynamics, u)) swept = detector.add_meetings(motions.list(), dt, true, kReaches) || swept;
+  if (!given && motions.find(dynamics, u)) swept = detector.add_meetings(motions.list(), dt, true, kReaches) || swept;
   points = detector.points();
 }
 
@@ -208,7 +216,7 @@ void InverseDynamics::Impl::set_guess(const Input& input) {
   guess.head(input.impulse_guess.size()) = input.impulse_guess;
   if (input.moment_guess.size() > 0)
     for (const Assembler::Set& set : assembler.sets())
-      if (set.load_factor > 0.0)
+      if (is_moment(set))
         set_moment(set, set.frame * input.moment_guess.segment<3>(3 * set.index), guess.data() + set.start);
   if (input.simulator &&
       !assembler.copy_impulses(input.simulator->assembler().sets(), input.simulator->impulse(), guess))
@@ -239,7 +247,7 @@ void InverseDynamics::Impl::find_impulses() {
   if (!assembler.has_moments()) return;
   for (std::size_t i = 0; i < assembler.sets().size(); ++i) {
     const Assembler::Set& set = assembler.sets()[i];
-    if (set.load_factor == 0.0 || (!settled.empty() && settled[i])) continue;
+    if (!is_moment(set) || (!settled.empty() && settled[i])) continue;
     const auto turns = assembler.free_velocity().segment<2>(set.start);
     const double load =
         set.load_factor * solution.impulse[assembler.sets()[static_cast<std::size_t>(set.index)].start + 2];
@@ -495,7 +503,7 @@ Status InverseDynamics::Impl::move_to_closest(const Input& input) {
   double fastest = speed;
   for (std::size_t i = 0; i < assembler.sets().size(); ++i) {
     const Assembler::Set& set = assembler.sets()[i];
-    const bool moment = set.load_factor > 0.0;
+    const bool moment = is_moment(set);
     p.kinematic.push_back(set.compliance == 0.0 && !moment && set.source != SetSource::JointFriction);
     if (!moment) continue;
     p.ties.push_back({set.index, static_cast<Index>(i), set.load_factor});

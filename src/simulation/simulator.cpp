@@ -196,6 +196,12 @@ Vector& Simulator::applied_force() { return impl_->applied; }
 Matrix& Simulator::external_wrench() { return impl_->wrench; }
 const StepReport& Simulator::report() const { return impl_->report; }
 const Assembler& Simulator::assembler() const { return impl_->assembler; }
+const std::vector<ContactPoint>& Simulator::points() const { return impl_->detector.points(); }
+bool Simulator::stepped_from(const ConstVectorRef& q, const ConstVectorRef& v) const {
+  const Impl& s = *impl_;
+  return s.assembler.num_rows() > 0 && q.size() == s.step_q.size() && v.size() == s.step_v.size() && q == s.step_q &&
+         v == s.step_v;
+}
 ConstVectorRef Simulator::impulse() const { return impl_->impulse; }
 ContactProblem Simulator::contact_problem() {
   Impl& s = *impl_;

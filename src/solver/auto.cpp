@@ -303,6 +303,7 @@ class Ladder {
     method = method_before;
     return false;
   }
+
   /// Follows the solution of A + weight I (T42), easy for large weights, as the weight falls to 0.
   bool continuation() {
     const double best_before = best;
@@ -420,7 +421,7 @@ class Ladder {
   bool sweep(const GrowVector* guess) {
     BlockSweeps& sweeps = w_.sweeps;
     const double target = guess ? aim_ : tolerance_;
-    const bool large = problem_.sets.num_sets() > kPatch;
+    const bool many = problem_.sets.num_sets() > kPatch;
     sweeps.start(problem_, guess);
     double relative = sweeps.relative(problem_), first = relative;  // first: after one sweep
     double last[kFirstSweeps], soon = 0.0;                          // before the last ones; what more would leave
@@ -432,7 +433,7 @@ class Ladder {
       if (count == 1) first = relative;
       if (observe_) observe_(sweeps.impulse(), factorizations);
       if (count < kFirstSweeps) continue;
-      const double more = sweeps.slips() && !large ? kMoreSweeps : kFewSweeps;
+      const double more = sweeps.slips() && !many ? kMoreSweeps : kFewSweeps;
       soon = relative * std::pow(relative / last[count % kFirstSweeps], more / kFirstSweeps);
     }
     offer(sweeps.impulse(), relative, SolverType::Pgs);
@@ -441,7 +442,7 @@ class Ladder {
     const bool loose = target >= kLoose;
     const bool far = relative > (guess || loose ? kNear : kNearer);
     if (!guess && (relative > (loose ? kStuck : 1.0) * first || (far && sweeps.slips()))) return false;
-    if (!sweeps.slips() && !large && newton_from_sweeps(target)) return true;
+    if (!sweeps.slips() && !many && newton_from_sweeps(target)) return true;
     if (!guess && far) return false;
     const int rounds = loose ? 2 : 1;
     for (int round = 0; round < rounds && !out_of_budget(); ++round) {

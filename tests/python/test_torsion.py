@@ -162,6 +162,8 @@ def test_the_condim_of_a_pair_is_the_larger_and_so_are_its_coefficients():
         ({"rolling": math.inf}, "rolling"),
         ({"condim": 2}, "condim"),
         ({"condim": 0}, "condim"),
+        ({"condim": True}, "condim"),
+        ({"torsion": "little"}, "torsion"),
     ],
 )
 def test_bad_coefficients_are_refused(changes, field):
@@ -286,6 +288,17 @@ def test_a_heap_that_spins_and_rolls_is_solved_and_comes_to_rest(boxes):
         assert abs(moment[2]) <= 0.02 * normal + 1e-4
 
 
+def inverse_of_a_step(simulator, applied, *, guess, **options):
+    """The inverse of a step with these forces; they are what it has to find."""
+    simulator.applied_force[:] = applied
+    before = simulator.state.q.copy(), simulator.state.v.copy()
+    simulator.step()
+    guess = simulator if guess else None
+    result = inverse_dynamics(simulator.world, before, simulator.state.v, DT, impulse_guess=guess, **options)
+    assert result.status == "solved"
+    return result
+
+
 @pytest.mark.parametrize("stiffness", [math.inf, 1e4])
 @pytest.mark.parametrize("articulated", [False, True])
 def test_inverse_dynamics_of_a_step_gives_its_forces(stiffness, articulated):
@@ -294,11 +307,7 @@ def test_inverse_dynamics_of_a_step_gives_its_forces(stiffness, articulated):
     simulator.state.v[:] = (1.0, 0.5, 0.0, -5.0, 10.0, 3.0)
     for applied in ((0.0,) * 6, (0.3, -0.2, 0.1, 0.02, 0.03, -0.01)):
         run(simulator, 5)
-        simulator.applied_force[:] = applied
-        before = simulator.state.q.copy(), simulator.state.v.copy()
-        simulator.step()
-        result = inverse_dynamics(simulator.world, before, simulator.state.v, DT, impulse_guess=simulator)
-        assert result.status == "solved"
+        result = inverse_of_a_step(simulator, applied, guess=True)
         assert result.force == pytest.approx(applied, abs=1e-7)
         (contact,) = [c for c in result.contacts if c.force_local[2] > 0.0]
         own = contact.frame @ contact.moment_local
@@ -332,11 +341,7 @@ def test_inverse_dynamics_of_what_turns_needs_no_guess_on_soft_ground(law):
     simulator.state.v[:] = (1.0, 0.5, 0.0, -5.0, 10.0, 3.0)
     for applied in ((0.0,) * 6, (0.3, -0.2, 0.1, 0.02, 0.03, -0.01)):
         run(simulator, 20)
-        simulator.applied_force[:] = applied
-        before = simulator.state.q.copy(), simulator.state.v.copy()
-        simulator.step()
-        result = inverse_dynamics(simulator.world, before, simulator.state.v, DT, law=law)
-        assert result.status == "solved"
+        result = inverse_of_a_step(simulator, applied, guess=False, law=law)
         assert result.force == pytest.approx(applied, abs=1e-4)
 
 

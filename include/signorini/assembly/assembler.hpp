@@ -51,15 +51,15 @@ class Assembler {
     int group = -1, group_row = 0;  ///< of articulated sets that share velocities; first row in its product
     int num_free = 0;               ///< free bodies it acts on
     int free[2] = {0, 0};
-    double y[2][18];                        ///< rows x 6 each, column-major, whitened
-    Matrix3 frame;                          ///< Contact, Equality of bodies: columns t1, t2, n, or the world's axes
-    Vector3 point_a, point_b;               ///< likewise: that are held together, in the world
-    int frame_a = 0, frame_b = 0;           ///< likewise: what they move with
-    int first_term = 0, num_terms = 0;      ///< others: the velocity is a sum over terms_, factor u[v] each
-    Material material;                      ///< Contact: mixed
-    int first_moment = 0, num_moments = 0;  ///< Contact: its sets of torsion and rolling
-    double load_factor = 0.0,
-           load_weight = 1.0;  ///< Torsion, Rolling: over the normal impulse [m]; what ties them [1/kg m^2]
+    double y[2][18];                         ///< rows x 6 each, column-major, whitened
+    Matrix3 frame;                           ///< Contact, Equality of bodies: columns t1, t2, n, or the world's axes
+    Vector3 point_a, point_b;                ///< likewise: that are held together, in the world
+    int frame_a = 0, frame_b = 0;            ///< likewise: what they move with
+    int first_term = 0, num_terms = 0;       ///< others: the velocity is a sum over terms_, factor u[v] each
+    Material material;                       ///< Contact: mixed
+    int first_moment = 0, num_moments = 0;   ///< Contact: its sets of torsion and rolling
+    double load_factor = 0.0;                ///< Torsion, Rolling: the load over the normal impulse [m]
+    double load_weight = 1.0;                ///< likewise: what ties them [1/(kg m^2)]
     double gap = 0.0, gap_correction = 0.0;  ///< Contact [m], and its correction without bounce [m/s]
     double bounce = 0.0;  ///< Contact: e v_N [m/s] where the approach is fast enough to bounce (S8), else 0
     bool bounces = false;
@@ -202,6 +202,7 @@ class Assembler {
   GrowVector g_, problem_g_, problem_compliance_;
 };
 
+bool is_moment(const Assembler::Set& set);  ///< Torsion or Rolling
 /// The moment of a set of torsion or rolling, in the world, and its rows of a moment or an angular velocity.
 Vector3 moment_of(const Assembler::Set& set, const double* impulse);
 void set_moment(const Assembler::Set& set, const Vector3& moment, double* rows);

@@ -101,6 +101,9 @@ class Simulator {
   /// Force of geometries on body b by those on body a, world axes [N].
   Vector3 contact_force(int body_a, int body_b) const;
   const Assembler& assembler() const;
+  const std::vector<ContactPoint>& points() const;  ///< of the assembler's contacts
+  /// Whether that step began at q and v.
+  bool stepped_from(const ConstVectorRef& q, const ConstVectorRef& v) const;
   /// Of the last step, with all its sets; and the impulse that solved it [N s].
   ContactProblem contact_problem();
   ConstVectorRef impulse() const;
