@@ -46,7 +46,9 @@ struct InverseDynamics::Impl {
 
   const InverseDynamicsResult& solve(const Input& input);
   void forget();
+  void find_near();
   void find_contacts(const Input& input);
+  void take_over(const std::vector<ContactPoint>& near, Vector& given) const;
   void check(const Input& input) const;
   void start(const Input& input, const Vector* reach);
   void restart(const Input& input);
@@ -74,9 +76,10 @@ struct InverseDynamics::Impl {
   Assembler assembler;
   std::vector<Wrench> wrenches;  // of the constraints, by frame
 
-  Vector q, u;         // u: the velocity wanted, in the frames of the step
-  Vector detected_at;  // where `points` were found, as given; empty: they were given too
-  bool swept = false;  // `points` are also of how the last motion went
+  Vector q, u;                         // u: the velocity wanted, in the frames of the step
+  Vector detected_at;                  // where `points` were found, as given; empty: they were given too
+  bool swept = false;                  // `points` are also of how the last motion went
+  Vector given_impulse, given_moment;  // of `points`, or none
   Vector acceleration, other, implicit, joint_force;
   Vector drive;                  // what the actuators are driven by
   GrowVector compliance, guess;  // of all rows
@@ -136,6 +139,7 @@ void InverseDynamics::set_configuration(const ConstVectorRef& q, const std::vect
                                                                      : "is not finite");
   }
   s.detected_at.resize(0);
+  s.swept = false;
   s.q = q;
   if (!s.world->normalize(s.q)) throw InvalidInput("q", "has a quaternion of length 0");
   s.dynamics.update_placements(s.q);
@@ -150,14 +154,19 @@ void InverseDynamics::set_configuration(const ConstVectorRef& q) {
     return;
   }
   set_configuration(q, {});
-  s.detector.reset();  // what it found before must not show
-  s.points = s.detector.detect(s.dynamics.frames());
-  s.swept = false;
+  s.find_near();
   s.detected_at = q;
+}
+
+void InverseDynamics::Impl::find_near() {
+  detector.reset();  // what it found before must not show
+  points = detector.detect(dynamics.frames());
+  swept = false;
 }
 
 /// Contacts of a motion with fast bodies, as a step has them: what they meet as they go now, and as they shall go.
 void InverseDynamics::Impl::find_contacts(const Input& input) {
+  given_impulse = input.impulse_guess, given_moment = input.moment_guess;
   if (detected_at.size() == 0) return;
   const double dt = settings.time_step;
   // A step that is inverted knows what it met on ways that it did not go in the end.
@@ -166,18 +175,31 @@ void InverseDynamics::Impl::find_contacts(const Input& input) {
     swept = true;
     return;
   }
-  // Impulses that are given belong to the contacts of the configuration.
-  const bool given = input.impulse_guess.size() > 0;
-  const bool now = !given && motions.find(dynamics, input.v);
-  if (!now && !swept && (given || !motions.find(dynamics, u))) return;
+  const bool now = motions.find(dynamics, input.v);
+  if (!now && !motions.find(dynamics, u)) return;
+  const std::vector<ContactPoint> near = points;
   detector.reset();
   swept = now;
   if (now)
     detector.detect(dynamics.frames(), motions.list(), dt);
   else
     detector.detect(dynamics.frames());
-  if (!given && motions.find(dynamics, u)) swept = detector.add_meetings(motions.list(), dt, true, kReaches) || swept;
+  if (motions.find(dynamics, u)) swept = detector.add_meetings(motions.list(), dt, true, kReaches) || swept;
   points = detector.points();
+  take_over(near, given_impulse);
+  take_over(near, given_moment);
+}
+
+/// What is given for each of the contacts near the configuration, for those of the motion; 0 for what it meets later.
+void InverseDynamics::Impl::take_over(const std::vector<ContactPoint>& near, Vector& given) const {
+  if (given.size() == 0) return;
+  Vector own = Vector::Zero(3 * static_cast<Index>(points.size()));
+  for (std::size_t i = 0; i < points.size(); ++i)
+    for (std::size_t k = 0; k < near.size(); ++k)
+      if (near[k].geometry_a == points[i].geometry_a && near[k].geometry_b == points[i].geometry_b &&
+          near[k].position == points[i].position)
+        own.segment<3>(3 * static_cast<Index>(i)) = given.segment<3>(3 * static_cast<Index>(k));
+  given = own;
 }
 
 void InverseDynamics::Impl::check(const Input& input) const {
@@ -191,6 +213,8 @@ void InverseDynamics::Impl::check(const Input& input) const {
   if (input.external_wrench.size() > 0) require_size("external_wrench: a column", input.external_wrench.rows(), 6);
   if (input.simulator && input.simulator->world_ptr() != world)
     throw InvalidInput("impulse_guess", "is a simulator of another world");
+  require_size("impulse_guess", input.impulse_guess.size(), 3 * static_cast<Index>(points.size()), true);
+  require_size("moment_guess", input.moment_guess.size(), 3 * static_cast<Index>(points.size()), true);
   require_size("actuated", static_cast<Index>(input.actuated.size()), nv, true);
   require_finite("v", input.v);
   require_finite("v_next", input.v_next);
@@ -213,11 +237,10 @@ void InverseDynamics::Impl::start(const Input& input, const Vector* reach) {
 
 void InverseDynamics::Impl::set_guess(const Input& input) {
   guess.setZero(assembler.num_rows());  // contacts come first
-  guess.head(input.impulse_guess.size()) = input.impulse_guess;
-  if (input.moment_guess.size() > 0)
+  guess.head(given_impulse.size()) = given_impulse;
+  if (given_moment.size() > 0)
     for (const Assembler::Set& set : assembler.sets())
-      if (is_moment(set))
-        set_moment(set, set.frame * input.moment_guess.segment<3>(3 * set.index), guess.data() + set.start);
+      if (is_moment(set)) set_moment(set, set.frame * given_moment.segment<3>(3 * set.index), guess.data() + set.start);
   if (input.simulator &&
       !assembler.copy_impulses(input.simulator->assembler().sets(), input.simulator->impulse(), guess))
     throw InvalidInput("impulse_guess", "is a simulator whose last step had other contacts than this configuration");
@@ -313,14 +336,13 @@ void InverseDynamics::Impl::forget() {
 }
 
 const InverseDynamicsResult& InverseDynamics::Impl::solve(const Input& input) {
+  if (swept) find_near();
   check(input);
   const double dt = settings.time_step;
   u = input.v_next;
   if (!turn_back(*world, dt, u)) throw InvalidInput("v_next", "turns a free body by more than about 1 rad in one step");
   dynamics.update_velocities(input.v);
   find_contacts(input);
-  require_size("impulse_guess", input.impulse_guess.size(), 3 * static_cast<Index>(points.size()), true);
-  require_size("moment_guess", input.moment_guess.size(), 3 * static_cast<Index>(points.size()), true);
   other.setZero();
   implicit.setZero();
   if (input.control.size() > 0) forces.set_input(input.control, input.control, drive);

@@ -160,7 +160,7 @@ def round_trips(make: Callable[[Material], World], stiffness: float, num_states:
         counts["states"] += 1
         counts["in contact"] += any(c.mode != "open" for c in exact.contacts)
         worst["torque"] = max(worst["torque"], float(np.abs(back.force - torque).max() / np.abs(torque).max()))
-        push = random.uniform(size=(len(back.contacts), 3)) * [0.3, 0.3, 1.0] * random.choice([0.01, 0.1, 1.0])
+        push = random.uniform(size=(len(inverse.contacts(q)), 3)) * [0.3, 0.3, 1.0] * random.choice([0.01, 0.1, 1.0])
         push *= TIME_STEP * inertia.sum()
         for key, guess in (("warm", push), ("zero guess", None)):
             found = inverse((q, v), v_next, guess)
