@@ -101,6 +101,10 @@ _LATER = {  # what needs the simulator, by module
 }
 
 
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, *_SUBMODULES})
+
+
 def __getattr__(name: str) -> Any:
     # Loaded at first use: they need h5py, scipy, Pinocchio or more, and `import signorini` should take no time.
     if name in _SUBMODULES:

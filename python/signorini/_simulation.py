@@ -185,6 +185,9 @@ class State:
         self._core = core
         self._q, self._v, self._activation = core.q, core.v, core.activation
 
+    def __repr__(self) -> str:
+        return f"State(time={self.time:.6g}, q={self._q!r}, v={self._v!r})"
+
     @property
     def q(self) -> Array:
         """num_q values."""
@@ -282,6 +285,13 @@ class Simulator:
         self._external_wrench = self._core.external_wrench
         self._unsolved = 0
 
+    def __repr__(self) -> str:
+        report = self._core.report
+        return (
+            f"Simulator({self.world!r}, time={self.state.time:.6g} s, steps={report.steps}, "
+            f"unsolved={report.unsolved}, contacts={report.num_contacts})"
+        )
+
     @property
     def state(self) -> State:
         """q, v and time, readable and writable."""
@@ -316,7 +326,7 @@ class Simulator:
     def step(self, num_steps: int = 1) -> None:
         """Makes time steps. Raises InvalidInputError when state, control or a force is not finite, leaving the state;
         UnsolvedStepError as settings.on_unsolved says."""
-        for _ in range(num_steps):
+        for _ in range(_arrays.count("num_steps", num_steps, 0)):
             self._core.step()
             if self.settings.on_unsolved != "continue":
                 self._check_solved()
@@ -333,14 +343,14 @@ class Simulator:
 
         controls: num_steps x num_controls, or None. controller: instead, called before every step to set `control`.
         """
+        count = _arrays.count("num_steps", num_steps, 0)
         if controller is not None:
             if controls is not None:
                 raise InvalidInputError("controls: are given, must be None where there is a controller")
-            return self._run_controlled(num_steps, controller, keep_states)
+            return self._run_controlled(count, controller, keep_states)
         given = np.zeros((0, 0)) if controls is None else np.asarray(controls, dtype=np.float64)
         if given.ndim != 2:
             raise InvalidInputError(f"controls: has shape {given.shape}, must be ({num_steps}, {len(self._control)})")
-        count = int(num_steps)
         seconds, relative, penetration = np.empty(count), np.empty(count), np.empty(count)
         iterations, factorizations, num_contacts = (np.empty(count, np.int32) for _ in range(3))
         solved = np.empty(count, np.bool_)

@@ -663,6 +663,12 @@ class World:
         self.warnings = warnings
         self.visuals = visuals
 
+    def __repr__(self) -> str:
+        return (
+            f"World({len(self.bodies)} bodies, {len(self.joints)} joints, {len(self.geometries)} geometries, "
+            f"{self.num_v} velocities, {self.num_controls} actuators)"
+        )
+
     num_q = property(lambda self: int(self._core.num_q), doc="Values of a configuration.")
     num_v = property(lambda self: int(self._core.num_v), doc="Values of a velocity.")
     num_controls = property(lambda self: int(self._core.num_controls), doc="Actuators.")

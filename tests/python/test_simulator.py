@@ -346,3 +346,22 @@ def test_a_world_crosses_to_pinocchio():
 def test_settings_are_plain_data(tumble):
     settings = SimulatorSettings(time_step=2e-3)
     assert Simulator(tumble, settings, tolerance=1e-8).settings == SimulatorSettings(time_step=2e-3, tolerance=1e-8)
+
+
+@pytest.mark.parametrize("steps", [-1, 1.5, "3", True])
+def test_steps_are_counted_in_whole_numbers(tumble, steps):
+    simulator = Simulator(tumble)
+    for call in (simulator.step, simulator.run, lambda n: simulator.run(n, controller=lambda: None)):
+        with pytest.raises(InvalidInputError, match="num_steps: is"):
+            call(steps)
+    assert simulator.report.steps == 0
+
+
+def test_a_prompt_shows_what_there_is(tumble):
+    simulator = Simulator(tumble)
+    simulator.step(3)
+    assert f"{len(tumble.bodies)} bodies" in repr(tumble)
+    assert f"{tumble.num_v} velocities" in repr(simulator)
+    assert "steps=3" in repr(simulator)
+    assert "time=0.003" in repr(simulator.state)
+    assert {"load", "Simulator", "WorldBuilder", "fclib"} <= set(dir(signorini))
