@@ -105,3 +105,15 @@ def test_missing_packages_are_named(monkeypatch, tmp_path):
         signorini.scenes.robots_folder()
     with pytest.raises(FileNotFoundError, match=r"signorini\[robots\]"):
         worlds()["humanoid"]()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"foo": 1}, "option: there is no 'foo'; cube-stack has num_cubes"),
+        ({"num_cubes": 2.5}, "num_cubes: is 2.5, must be an integer"),
+    ],
+)
+def test_options_of_scenes_that_cannot_be(options, message):
+    with pytest.raises(InvalidInputError, match=message):
+        worlds()["cube-stack"](**options)

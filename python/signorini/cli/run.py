@@ -158,9 +158,6 @@ def run(
     except (signorini.InvalidInputError, OSError, ImportError) as error:
         report(errors, error)
         raise typer.Exit(2) from None
-    except TypeError as error:  # an option that the scene does not have
-        report(errors, f"option: {error}")
-        raise typer.Exit(2) from None
     failed = json_file is not None and not write_json(json_file, result, errors)
     if json_file != "-":
         print_result(result)

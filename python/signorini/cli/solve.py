@@ -103,7 +103,8 @@ def solve(
                 results.append(_result(problem, signorini.solve(problem, **options)))
             except (signorini.InvalidInputError, OSError) as error:
                 bad_input = True
-                report(errors, error)
+                missing = isinstance(error, FileNotFoundError)
+                report(errors, f"{path}: there is no such file" if missing else error)
             progress.advance(task)
 
     if json_file is not None:

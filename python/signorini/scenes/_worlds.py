@@ -7,6 +7,7 @@ world, q, v = scene(mass_ratio=1.0)
 from __future__ import annotations
 
 import importlib.util
+import inspect
 import math
 import sysconfig
 from collections.abc import Callable
@@ -54,6 +55,13 @@ class WorldScene:
     controller: Callable[[Simulator, Start, dict[str, Any]], Callable[[], None]] | None = None
 
     def __call__(self, **options: Any) -> Start:
+        """Raises InvalidInputError for an option that is not there, or a fraction where a count is due."""
+        known = inspect.signature(self.make).parameters
+        for option, value in options.items():
+            if option not in known:
+                raise InvalidInputError(f"option: there is no {option!r}; {self.name} has {', '.join(known) or 'none'}")
+            if type(known[option].default) is int and isinstance(value, float):
+                raise InvalidInputError(f"{option}: is {value}, must be an integer")
         return self.make(**options)
 
 
