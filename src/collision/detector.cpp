@@ -23,7 +23,7 @@ constexpr double kTouches = 1e-6;   // [m] what is nearer is not swept: its cont
 constexpr double kHugs = 5e-7;      // [m] what touches may sink in by so much more before it meets again
 constexpr double kSinksDeep = 0.1;  // of the margin: how much deeper such a pair may go in a step
 constexpr double kSameTime = 1e-9;  // of the step: meetings nearer in time than this are one
-constexpr char kMagic[] = "signorini detector 1";
+constexpr char kMagic[] = "signorini detector 2";
 
 std::string number(double value) {
   std::ostringstream out;
@@ -643,6 +643,7 @@ std::string Detector::save() const {
     out.put(point.geometry_a), out.put(point.geometry_b);
     out.put(point.position), out.put(point.normal), out.put(point.distance);
     out.put(point.patch_size), out.put(point.previous), out.put(point.id);
+    out.put(static_cast<std::uint8_t>(point.swept)), out.put(point.way_a), out.put(point.way_b);
     out.put(impl_->locals[k].on_a), out.put(impl_->locals[k].on_b);
   }
   out.put(static_cast<std::uint64_t>(impl_->pairs.size()));
@@ -669,8 +670,10 @@ void Detector::load(const std::string& bytes) {
     point.geometry_a = in.take<int>(), point.geometry_b = in.take<int>();
     point.position = in.take_vector(), point.normal = in.take_vector(), point.distance = in.take<double>();
     point.patch_size = in.take<int>(), point.previous = in.take<int>(), point.id = in.take<std::uint64_t>();
+    const auto swept = in.take<std::uint8_t>();
+    point.swept = swept == 1, point.way_a = in.take_vector(), point.way_b = in.take_vector();
     const Vector3 on_a = in.take_vector(), on_b = in.take_vector();
-    in.failed = in.failed || !is_pair(point.geometry_a, point.geometry_b) || point.id >= next_id;
+    in.failed = in.failed || swept > 1 || !is_pair(point.geometry_a, point.geometry_b) || point.id >= next_id;
     points.push_back(point);
     locals.push_back({on_a, on_b});
   }

@@ -20,7 +20,7 @@ constexpr int kLoadRounds = 50;    // of the CCP, until loads fit
 constexpr int kMostMeetings = 10;  // rounds of sweeps for fast bodies; in the last one all that meets counts
 
 // Bytes of save(): a tag, then values one after the other.
-constexpr char kTag[] = "signorini state 3";
+constexpr char kTag[] = "signorini state 4";
 
 class Writer {
  public:
