@@ -290,6 +290,22 @@ def test_a_limb_that_sinks_into_soft_ground_meets_it_once(speed, overlap):
     np.testing.assert_allclose(simulator.state.v[0], after, rtol=1e-9 if overlap > 0.0 else 1e-4)
 
 
+def test_a_box_sinks_into_soft_ground_as_deep_with_spin_as_without():
+    k, speed, mass = 1e4, 15.0, 1.0
+    ways = []
+    for spin in (0.0, 60.0):
+        builder = WorldBuilder(gravity=(0.0, 0.0, 0.0))
+        ground = Material(friction=0.0, stiffness=k)
+        builder.add_geometry("world", Box((1.0, 1.0, 0.5)), position=(0.0, 0.0, -0.5), material=ground)
+        add_box(builder, "box", (0.0, 0.0, 0.1), (0.05, 0.03, 0.02), (0.0, 0.0, 0.0, 1.0), mass)
+        simulator = Simulator(builder.build())
+        simulator.state.v[[2, 5]] = -speed, spin  # about its normal
+        run = simulator.run(25, keep_states=True)
+        ways.append(run.states[:, 2])
+    np.testing.assert_allclose(ways[1], ways[0], atol=1e-6)
+    assert 0.02 - min(ways[0]) == pytest.approx(speed * np.sqrt(mass / k), rel=0.1)
+
+
 @pytest.mark.parametrize("height", [0.3, -0.3])
 def test_inverse_dynamics_knows_what_a_limb_meets_on_its_way(height):
     """Without a guess; from below the ground the arc leads deeper than the straight way, which takes rounds (S18)."""
