@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "delassus/dense_kernels.hpp"
+#include "tie_load.hpp"
 
 namespace signorini {
 namespace {
@@ -720,37 +721,40 @@ void Assembler::multiply_blocks(const std::vector<int>& selection, const Constra
               for (int r = 0; r < a.rows; ++r) block[c * a.rows + r] += ya[k * a.rows + r] * yb[k * b.rows + c];
         }
       }
-    if (has_moments_) add_loads(a, b, block);
   });
+  if (has_moments_) add_loads(selection, delassus);
 }
 
-/// Ties loads to normal impulses (S16): block of G of sets a and b += theirs of w (load - factor normal)^2 / 2.
-void Assembler::add_loads(const Set& a, const Set& b, double* block) const {
-  double* corner = block + 2 * a.rows + 2;  // last row of a, last of b, where both have three
-  if (&a == &b && is_moment(a)) {
-    *corner += a.load_weight;
-    if (a.source == SetSource::Torsion) block[a.rows + 1] += a.load_weight;  // the row of nothing
-  } else if (&a == &b && a.source == SetSource::Contact) {
-    for (int k = 0; k < a.num_moments; ++k) {
-      const Set& moment = sets_[static_cast<std::size_t>(a.first_moment + k)];
-      *corner += moment.load_weight * moment.load_factor * moment.load_factor;
-    }
-  } else if (is_moment(a) && b.source == SetSource::Contact && &b == &sets_[static_cast<std::size_t>(a.index)]) {
-    *corner -= a.load_weight * a.load_factor;
+template <typename Add>
+void Assembler::add_load(const Set& moment, Index normal, Index first, const Add& add) const {
+  tie_load(normal, first, {false, moment.source == SetSource::Torsion}, moment.load_weight, moment.load_factor, add);
+}
+
+/// After the blocks of `selection`, whose pairs are pairs_.
+void Assembler::add_loads(const std::vector<int>& selection, BlockDelassus& delassus) const {
+  for (std::size_t i = 0; i < selection.size(); ++i) {
+    const Set& moment = sets_[static_cast<std::size_t>(selection[i])];
+    if (!is_moment(moment)) continue;
+    const auto contact = std::lower_bound(selection.begin(), selection.end(), moment.index) - selection.begin();
+    const BlockDelassus::Pair both(static_cast<int>(i), static_cast<int>(contact));
+    const auto pair = std::lower_bound(pairs_.begin(), pairs_.end(), both);
+    double* blocks[2][2] = {
+        {delassus.diagonal_block(contact), nullptr},  // [row][column]: of the contact, of the moment
+        {nullptr, delassus.diagonal_block(static_cast<Index>(i))}};
+    if (pair != pairs_.end() && *pair == both) blocks[1][0] = delassus.block(pair - pairs_.begin());
+    add_load(moment, 2, 3, [&](Index row, Index column, double value) {
+      double* block = blocks[row / 3][column / 3];
+      if (block) block[3 * (column % 3) + row % 3] += value;
+    });
   }
 }
 
 void Assembler::add_loads(double* matrix, int rows) const {
   for (const int i : selection_) {
-    const Set& set = sets_[static_cast<std::size_t>(i)];
-    if (!is_moment(set)) continue;
-    const int load = set.offset + 2, normal = sets_[static_cast<std::size_t>(set.index)].offset + 2;
-    const double coupling = set.load_weight * set.load_factor;
-    matrix[load * rows + load] += set.load_weight;
-    if (set.source == SetSource::Torsion) matrix[(load - 1) * rows + load - 1] += set.load_weight;
-    matrix[normal * rows + normal] += coupling * set.load_factor;
-    matrix[load * rows + normal] -= coupling;
-    matrix[normal * rows + load] -= coupling;
+    const Set& moment = sets_[static_cast<std::size_t>(i)];
+    if (!is_moment(moment)) continue;
+    add_load(moment, sets_[static_cast<std::size_t>(moment.index)].offset + 2, moment.offset,
+             [&](Index row, Index column, double value) { matrix[column * rows + row] += value; });
   }
 }
 

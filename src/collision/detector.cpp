@@ -23,7 +23,7 @@ constexpr double kTouches = 1e-6;   // [m] what is nearer is not swept: its cont
 constexpr double kHugs = 5e-7;      // [m] what touches may sink in by so much more before it meets again
 constexpr double kSinksDeep = 0.1;  // of the margin: how much deeper such a pair may go in a step
 constexpr double kSameTime = 1e-9;  // of the step: meetings nearer in time than this are one
-constexpr char kMagic[] = "signorini detector 1";
+constexpr char kMagic[] = "signorini detector 2";
 
 std::string number(double value) {
   std::ostringstream out;
@@ -40,6 +40,7 @@ struct NearPair {
 /// A pair that meets in this step.
 struct Hit {
   int a, b;
+  double sinks;  // see Detector::Impl::sinks()
   Meeting meeting;
 };
 
@@ -403,9 +404,9 @@ struct Detector::Impl {
       if (!must_sweep(a, b)) continue;
       const int known = find_points(a, b).first;
       if (known > 0 && !(again && may_meet_again(a, b))) continue;
-      Hit hit{a, b, {}};
+      Hit hit{a, b, known > 0 ? sinks(a, b) : 0.0, {}};
       if (find_meeting(narrow_phase, moving(a), moving(b), duration, settings.margin, known > 0 ? kHugs : -touching,
-                       hit.meeting))
+                       hit.sinks, hit.meeting))
         hits.push_back(hit);
     }
     if (hits.empty()) return false;
@@ -431,7 +432,7 @@ struct Detector::Impl {
       // points keep it apart but for what it turns off the straight way.
       if (find_points(hit.a, hit.b).first > 0 && !is_field(hit.a) && !is_field(hit.b) &&
           !find_meeting(narrow_phase, moving(hit.a), moving(hit.b), duration, settings.margin,
-                        kSinksDeep * settings.margin, hit.meeting))
+                        kSinksDeep * settings.margin, hit.sinks, hit.meeting))
         continue;
       if (shares.empty()) shares.assign(motions->size(), 1.0);
       for (const std::size_t frame : frames_of(hit))
@@ -452,13 +453,33 @@ struct Detector::Impl {
     return bends(a) + bends(b) > kHugs;
   }
 
+  /// [m] How deep a pair sinks in by the planes of its points, which the law lets compliant ones do: that they do is no
+  /// second meeting. 0 where none gets deeper than it is.
+  double sinks(int a, int b) const {
+    const auto [known, at] = find_points(a, b);
+    const FrameMotion of_a = motion(a), of_b = motion(b);
+    double deepest = 0.0;
+    for (int k = at; k < at + known; ++k) {
+      const ContactPoint& point = points[k];
+      const Vector3 arm_a = point.position - point.way_a - of_a.centre,
+                    arm_b = point.position - point.way_b - of_b.centre;
+      const Vector3 moves = of_b.velocity + of_b.start.cross(arm_b) - of_a.velocity - of_a.start.cross(arm_a);
+      const double end = point.distance + duration * point.normal.dot(moves);
+      if (end < std::min(0.0, point.distance) - kHugs) deepest = std::max(deepest, -end);
+    }
+    return deepest;
+  }
+
   /// Adds the points of a meeting at their place in the list; false if none would change the motion.
   bool insert(const Hit& hit, double touching) {
     const auto [known, at] = find_points(hit.a, hit.b);
     const Moving a = moving(hit.a), b = moving(hit.b);
     const double time = hit.meeting.time;
     Manifold manifold;
-    bool useful = false;  // the motion violates it
+    bool useful = false;  // the motion violates it, more than it does the pair's own
+    double least = 0.0;   // gap that a point may have, so that what holds them apart gives no energy
+    if (hit.sinks > 0.0)
+      for (int k = at; k < at + known; ++k) least = std::min(least, points[k].distance);
     const auto velocity_now = [time](const FrameMotion& motion, const Vector3& point) -> Vector3 {
       return motion.velocity + motion.start.cross(point - motion.centre - time * motion.velocity);
     };
@@ -467,13 +488,13 @@ struct Detector::Impl {
       const double rate = point.normal.dot(b.velocity(point.on_b, time) - a.velocity(point.on_a, time));
       const double now = point.normal.dot(velocity_now(b.motion, point.on_b) - velocity_now(a.motion, point.on_a));
       // What the motion leads to if they went on through each other, and from there back to the start: gap - time *
-      // rate where nothing turns. Never less than 0, so that what holds them apart gives no energy.
-      point.gap = std::max(0.0, point.gap) + (duration - time) * rate - duration * now;
-      point.gap = std::max(0.0, point.gap);
-      useful = useful || point.gap + duration * now < 0.0;
+      // rate where nothing turns.
+      point.gap = (hit.sinks > 0.0 ? point.gap : std::max(0.0, point.gap)) + (duration - time) * rate - duration * now;
+      point.gap = std::max(least, point.gap);
+      useful = useful || point.gap + duration * now < -hit.sinks;
       manifold.add(point);
     }
-    if (!useful && touching == 0.0) return false;
+    if (!useful && (touching == 0.0 || known > 0)) return false;
     if (manifold.count == 0) return false;
     const auto before = [](const ContactPoint& p, const Hit& other) {
       return std::make_pair(p.geometry_a, p.geometry_b) < std::make_pair(other.a, other.b);
@@ -622,6 +643,7 @@ std::string Detector::save() const {
     out.put(point.geometry_a), out.put(point.geometry_b);
     out.put(point.position), out.put(point.normal), out.put(point.distance);
     out.put(point.patch_size), out.put(point.previous), out.put(point.id);
+    out.put(static_cast<std::uint8_t>(point.swept)), out.put(point.way_a), out.put(point.way_b);
     out.put(impl_->locals[k].on_a), out.put(impl_->locals[k].on_b);
   }
   out.put(static_cast<std::uint64_t>(impl_->pairs.size()));
@@ -648,8 +670,10 @@ void Detector::load(const std::string& bytes) {
     point.geometry_a = in.take<int>(), point.geometry_b = in.take<int>();
     point.position = in.take_vector(), point.normal = in.take_vector(), point.distance = in.take<double>();
     point.patch_size = in.take<int>(), point.previous = in.take<int>(), point.id = in.take<std::uint64_t>();
+    const auto swept = in.take<std::uint8_t>();
+    point.swept = swept == 1, point.way_a = in.take_vector(), point.way_b = in.take_vector();
     const Vector3 on_a = in.take_vector(), on_b = in.take_vector();
-    in.failed = in.failed || !is_pair(point.geometry_a, point.geometry_b) || point.id >= next_id;
+    in.failed = in.failed || swept > 1 || !is_pair(point.geometry_a, point.geometry_b) || point.id >= next_id;
     points.push_back(point);
     locals.push_back({on_a, on_b});
   }

@@ -57,7 +57,7 @@ double closing_speed(const Moving& a, const Moving& b, double duration) {
 }
 
 bool find_meeting(NarrowPhase& narrow_phase, const Moving& a, const Moving& b, double duration, double margin,
-                  double slack, Meeting& out) {
+                  double slack, double sinks, Meeting& out) {
   const double speed = closing_speed(a, b, duration);
   if (!(speed > 0.0 && speed * duration < 1e6)) return false;
   PairMemory memory;
@@ -85,7 +85,7 @@ bool find_meeting(NarrowPhase& narrow_phase, const Moving& a, const Moving& b, d
   };
 
   Look now = look(0.0);
-  level = slack > 0.0 ? std::min(-slack, now.gap - kSinks * slack) : -slack;
+  level = slack > 0.0 ? std::min(-slack - sinks, now.gap - kSinks * slack) : -slack;
   now.gap -= level;
   // Shapes that go straight: the separation along today's normal changes at today's rate, and as both are convex they
   // are apart at least that much. So Newton's steps reach the first contact from before, and where the gap grows there

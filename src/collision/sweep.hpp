@@ -34,6 +34,6 @@ struct Meeting {
 /// False if a and b do not meet within `duration`: come as near as -slack [m]; where slack > 0 and they are deeper
 /// already, a little deeper: what touches may go on touching. margin: of the manifold.
 bool find_meeting(NarrowPhase& narrow_phase, const Moving& a, const Moving& b, double duration, double margin,
-                  double slack, Meeting& out);
+                  double slack, double sinks, Meeting& out);
 
 }  // namespace signorini

@@ -7,6 +7,7 @@
 #include <memory>
 #include <utility>
 
+#include "assembly/tie_load.hpp"
 #include "signorini/delassus/dense.hpp"
 #include "signorini/problem/de_saxce.hpp"
 #include "signorini/solver/inverse.hpp"
@@ -119,15 +120,12 @@ void Search::tie_loads() {
   const auto settled = [this](Index set) -> std::uint8_t& { return settled_[static_cast<std::size_t>(set)]; };
   for (const ClosestProblem::Tie& tie : p_.ties) {
     settled(tie.contact) |= settled(tie.moment);
-    const Index first = p_.sets[tie.moment].offset, load = first + 2, normal = p_.sets[tie.contact].offset + 2;
+    const Index first = p_.sets[tie.moment].offset, normal = p_.sets[tie.contact].offset + 2;
     const Matrix j = p_.jacobian.middleRows(first, 2);
     const Vector own = (j * mass_.solve(j.transpose())).diagonal();
     const double weight = own.maxCoeff() > 0.0 ? own.maxCoeff() : 1.0;
-    for (Index k = 0; k < 2; ++k)
-      if (own[k] == 0.0) ties_(first + k, first + k) = weight;  // the row of nothing
-    ties_(load, load) = weight;
-    ties_(normal, normal) += weight * tie.factor * tie.factor;
-    ties_(load, normal) = ties_(normal, load) = -weight * tie.factor;
+    tie_load(normal, first, {own[0] == 0.0, own[1] == 0.0}, weight, tie.factor,
+             [this](Index row, Index column, double value) { ties_(row, column) += value; });
   }
   for (const ClosestProblem::Tie& tie : p_.ties) settled(tie.moment) = settled(tie.contact);
 }

@@ -15,9 +15,11 @@
 namespace signorini {
 namespace {
 
-constexpr double kSlowest = 1e-6;  // [m/s] speeds are never judged against less: rounding is no motion
-constexpr int kRounds = 8;         // until bounces and limits are consistent
-constexpr double kReaches = 1e-6;  // [m] the wanted motion of a fast body that ends so near to a surface meets it
+constexpr double kSlowest = 1e-6;     // [m/s] speeds are never judged against less: rounding is no motion
+constexpr int kRounds = 8;            // until bounces and limits are consistent
+constexpr double kReturns = 1e-11;    // of the fastest: the step leads to the wanted motion
+constexpr double kRehearsed = 1e-12;  // tolerance of that step
+constexpr double kReaches = 1e-6;     // [m] the wanted motion of a fast body that ends so near to a surface meets it
 
 void require_size(const char* field, Index size, Index wanted, bool may_be_empty = false) {
   if (size == wanted || (may_be_empty && size == 0)) return;
@@ -48,7 +50,8 @@ struct InverseDynamics::Impl {
   void forget();
   void find_near();
   void find_contacts(const Input& input);
-  void take_over(const std::vector<ContactPoint>& near, Vector& given) const;
+  void set_contacts(const std::vector<ContactPoint>& found, const Input& input);
+  void take_over(Vector& given) const;
   void check(const Input& input) const;
   void start(const Input& input, const Vector* reach);
   void restart(const Input& input);
@@ -59,6 +62,8 @@ struct InverseDynamics::Impl {
   void add_up(bool with_impulses);
   void find_bounces();
   void find_impulses_and_bounces(const Input& input);
+  void find_force(const Input& input);
+  void find_force_of_step(const Input& input);
   bool change_inconsistent_bounces(const Input& input);
   void find_closest(const Input& input);
   bool misses_limit() const;
@@ -78,7 +83,10 @@ struct InverseDynamics::Impl {
 
   Vector q, u;                         // u: the velocity wanted, in the frames of the step
   Vector detected_at;                  // where `points` were found, as given; empty: they were given too
+  std::vector<ContactPoint> near;      // at that configuration, while the points of a motion are others
   bool swept = false;                  // `points` are also of how the last motion went
+  bool meets = false;                  // some of them are met by the wanted motion alone
+  std::unique_ptr<Simulator> step;     // rehearses the step
   Vector given_impulse, given_moment;  // of `points`, or none
   Vector acceleration, other, implicit, joint_force;
   Vector drive;                  // what the actuators are driven by
@@ -167,6 +175,7 @@ void InverseDynamics::Impl::find_near() {
 /// Contacts of a motion with fast bodies, as a step has them: what they meet as they go now, and as they shall go.
 void InverseDynamics::Impl::find_contacts(const Input& input) {
   given_impulse = input.impulse_guess, given_moment = input.moment_guess;
+  meets = false;
   if (detected_at.size() == 0) return;
   const double dt = settings.time_step;
   // A step that is inverted knows what it met on ways that it did not go in the end.
@@ -177,21 +186,27 @@ void InverseDynamics::Impl::find_contacts(const Input& input) {
   }
   const bool now = motions.find(dynamics, input.v);
   if (!now && !motions.find(dynamics, u)) return;
-  const std::vector<ContactPoint> near = points;
+  near = points;
   detector.reset();
-  swept = now;
   if (now)
     detector.detect(dynamics.frames(), motions.list(), dt);
   else
     detector.detect(dynamics.frames());
-  if (motions.find(dynamics, u)) swept = detector.add_meetings(motions.list(), dt, true, kReaches) || swept;
-  points = detector.points();
-  take_over(near, given_impulse);
-  take_over(near, given_moment);
+  meets = motions.find(dynamics, u) && detector.add_meetings(motions.list(), dt, true, kReaches);
+  swept = now || meets;
+  set_contacts(detector.points(), input);
+}
+
+/// Contacts of the motion, with what is given for those near the configuration.
+void InverseDynamics::Impl::set_contacts(const std::vector<ContactPoint>& found, const Input& input) {
+  points = found;
+  given_impulse = input.impulse_guess, given_moment = input.moment_guess;
+  take_over(given_impulse);
+  take_over(given_moment);
 }
 
 /// What is given for each of the contacts near the configuration, for those of the motion; 0 for what it meets later.
-void InverseDynamics::Impl::take_over(const std::vector<ContactPoint>& near, Vector& given) const {
+void InverseDynamics::Impl::take_over(Vector& given) const {
   if (given.size() == 0) return;
   Vector own = Vector::Zero(3 * static_cast<Index>(points.size()));
   for (std::size_t i = 0; i < points.size(); ++i)
@@ -355,14 +370,52 @@ const InverseDynamicsResult& InverseDynamics::Impl::solve(const Input& input) {
     find_closest(input);
   else
     find_impulses_and_bounces(input);
-  acceleration = (u - input.v) / dt;
-  add_up(true);
+  find_force(input);
+  if (meets && !input.closest && solution.status == Status::Solved) find_force_of_step(input);
   result.status = solution.status;
   result.residual = solution.residual;
   result.relative = solution.relative;
   result.iterations = solution.iterations;
   result.contact_impulse = solution.impulse.head(3 * static_cast<Index>(points.size()));
   return result;
+}
+
+void InverseDynamics::Impl::find_force(const Input& input) {
+  acceleration = (u - input.v) / settings.time_step;
+  add_up(true);
+}
+
+/// What u meets the step may have met elsewhere, on its way to u (S18): rehearses it with the force found so far, and
+/// takes its contacts, until it leads to u; or as near as that gets.
+void InverseDynamics::Impl::find_force_of_step(const Input& input) {
+  if (!step) {
+    SimulatorSettings s = settings;
+    s.solver.law = inverse.law;
+    s.solver.tolerance = std::min(s.solver.tolerance, kRehearsed);
+    s.solver.aim = std::min(s.solver.aim, s.solver.tolerance);
+    step = std::make_unique<Simulator>(world, s);
+  }
+  const auto take = [&](const std::vector<ContactPoint>& found) {
+    set_contacts(found, input);
+    start(input, nullptr);
+    find_impulses_and_bounces(input);
+    find_force(input);
+  };
+  const double fastest = std::max(
+      {u.lpNorm<Eigen::Infinity>(), input.v.lpNorm<Eigen::Infinity>(), settings.time_step * world->gravity().norm()});
+  std::vector<ContactPoint> best;
+  double least = kInfinity;
+  for (int round = 0; round < kRounds; ++round) {
+    const Vector& reached =
+        step->rehearse(q, input.v, result.force + other, implicit, assembler.sets(), solution.impulse);
+    const double off = (reached - u).lpNorm<Eigen::Infinity>();
+    if (!(off < least)) break;
+    least = off;
+    if (off <= kReturns * fastest) return;
+    best = points;
+    take(step->points());
+  }
+  take(best);
 }
 
 void InverseDynamics::Impl::find_impulses_and_bounces(const Input& input) {

@@ -20,7 +20,7 @@ constexpr int kLoadRounds = 50;    // of the CCP, until loads fit
 constexpr int kMostMeetings = 10;  // rounds of sweeps for fast bodies; in the last one all that meets counts
 
 // Bytes of save(): a tag, then values one after the other.
-constexpr char kTag[] = "signorini state 3";
+constexpr char kTag[] = "signorini state 4";
 
 class Writer {
  public:
@@ -140,6 +140,7 @@ struct Simulator::Impl {
     equality_guess = Vector::Zero(num_equality_rows);
   }
 
+  void find_motion();
   void find_contacts();
   bool find_meetings(int round);
   void make_guess();
@@ -334,7 +335,7 @@ void Simulator::Impl::solve_contacts() {
 
 /// Near ones, and those that fast bodies will meet if they go on as they do.
 void Simulator::Impl::find_contacts() {
-  if (motions.find(dynamics, v))
+  if (motions.find(dynamics, step_v))
     detector.detect(dynamics.frames(), motions.list(), settings.time_step);
   else
     detector.detect(dynamics.frames());
@@ -346,6 +347,37 @@ bool Simulator::Impl::find_meetings(int round) {
   if (round <= kMostMeetings) return detector.add_meetings(motions.list(), settings.time_step, round == kMostMeetings);
   detector.hold_back(motions.list(), settings.time_step);
   return false;
+}
+
+/// The velocity at the end of the step: without constraint impulses (S1, S2); then contacts, the problem, its solution;
+/// again with those that a fast body meets on the way it would take now (S18).
+void Simulator::Impl::find_motion() {
+  if (!dynamics.factor(implicit))
+    throw InvalidInput("q", "makes the mass matrix lose its definiteness (numbers too large?)");
+  free_v = settings.time_step * force;
+  dynamics.solve(free_v);
+  free_v += step_v;
+  find_contacts();
+  int round = 0;
+  do {
+    assembler.assemble(dynamics, step_q, step_v, free_v, detector.points());
+    make_guess();
+    solve_contacts();
+  } while (find_meetings(++round));
+}
+
+const Vector& Simulator::rehearse(const ConstVectorRef& q, const ConstVectorRef& v, const Vector& force,
+                                  const Vector& implicit, const std::vector<Assembler::Set>& sets,
+                                  const ConstVectorRef& impulse) {
+  Impl& s = *impl_;
+  reset();
+  warm_start(sets, impulse);
+  s.step_q = q, s.step_v = v;
+  s.dynamics.update(q, v);
+  s.force = force - s.dynamics.bias();
+  s.implicit = implicit;
+  s.find_motion();
+  return s.assembler.velocity();
 }
 
 void Simulator::step() {
@@ -360,27 +392,12 @@ void Simulator::step() {
 
   s.step_q = s.q, s.step_v = s.v;
 
-  // Velocity at the end of the step without constraint impulses (S1, S2).
   s.dynamics.update(s.q, s.v);
   s.force = s.applied - s.dynamics.bias();
   s.implicit.setZero();
   s.forces.set_input(s.control, s.activation, s.input);
   s.forces.add(s.dynamics, s.q, s.v, &s.input, &s.wrench, s.settings.time_step, s.force, s.implicit);
-  if (!s.dynamics.factor(s.implicit))
-    throw InvalidInput("q", "makes the mass matrix lose its definiteness (numbers too large?)");
-  s.free_v = s.settings.time_step * s.force;
-  s.dynamics.solve(s.free_v);
-  s.free_v += s.v;
-
-  // Contacts, the problem, its solution; again with those that a fast body meets on the way it would take now.
-  s.find_contacts();
-  const std::vector<ContactPoint>& points = s.detector.points();
-  int round = 0;
-  do {
-    s.assembler.assemble(s.dynamics, s.q, s.v, s.free_v, points);
-    s.make_guess();
-    s.solve_contacts();
-  } while (s.find_meetings(++round));
+  s.find_motion();
   s.keep_impulses();
 
   // Velocity, position.
@@ -396,9 +413,9 @@ void Simulator::step() {
   r.status = s.solution.status;
   r.solver = s.solution.solver;
   r.residual = s.solution.residual;
-  r.num_contacts = static_cast<Index>(points.size());
+  r.num_contacts = static_cast<Index>(points().size());
   r.deepest_overlap = 0.0;
-  for (const ContactPoint& point : points)
+  for (const ContactPoint& point : points())
     if (!point.swept) r.deepest_overlap = std::max(r.deepest_overlap, -point.distance);
   r.num_constraints = s.assembler.problem().num_sets();
   ++r.steps;

@@ -11,7 +11,7 @@ def project_cone(mu, x):
         axis = p[:2] / t if t > 0 else np.array([1.0, 0.0])
         edge = np.append(m * axis, 1.0) / np.hypot(m, 1.0)
         candidates = [np.zeros(3), max(p @ edge, 0.0) * edge]
-        if t <= m * p[2]:
+        if p[2] >= 0.0 and t <= m * p[2]:
             candidates.append(p)
         out[i] = min(candidates, key=lambda c: np.linalg.norm(p - c))
     return out

@@ -263,6 +263,71 @@ def test_inverse_dynamics_sees_the_contacts_of_a_fast_step(time_step, restitutio
         np.testing.assert_allclose(result.force, simulator.applied_force, atol=1e-6)
 
 
+def swinging_tip(height, stiffness=1e5, damping=200.0):
+    """A ball at the end of a massless arm of 0.5 m, hinged at a height above a soft ground, or below it."""
+    builder = WorldBuilder(gravity=(0.0, 0.0, 0.0))
+    soft = Material(friction=0.0, stiffness=stiffness, damping=damping)
+    builder.add_ground(soft)
+    hinge = Joint("hinge", "revolute", axis=(0.0, 1.0, 0.0))
+    builder.add_body("arm", joints=[hinge], position=(0.0, 0.0, height), mass=1.0, inertia=0.25 * np.eye(3))
+    builder.add_geometry("arm", Sphere(0.02), position=(0.5, 0.0, 0.0), material=SMOOTH)
+    return builder.build()
+
+
+@pytest.mark.parametrize("speed", [12.0, 40.0])
+@pytest.mark.parametrize("overlap", [-1e-4, 1e-4])
+def test_a_limb_that_sinks_into_soft_ground_meets_it_once(speed, overlap):
+    """An implicit spring and damper, in closed form (of a gap, but for the arm, which is that where they meet). The arc
+    stays above the straight way that they are taken along."""
+    k, d, dt, height = 1e5, 200.0, 1e-3, 0.3
+    simulator = Simulator(swinging_tip(height, k, d), time_step=dt, tolerance=1e-12)
+    angle = np.arcsin((height - 0.02 + overlap) / 0.5)  # below the horizontal
+    simulator.state.q[0], simulator.state.v[0] = angle, speed
+    lever, inertia = 0.5 * np.cos(angle), 0.25
+    simulator.step()
+    assert simulator.report.num_contacts == 1
+    after = (inertia * speed + dt * lever * k * -overlap) / (inertia + dt * lever**2 * (dt * k + d))
+    np.testing.assert_allclose(simulator.state.v[0], after, rtol=1e-9 if overlap > 0.0 else 1e-4)
+
+
+def test_a_box_sinks_into_soft_ground_as_deep_with_spin_as_without():
+    k, speed, mass = 1e4, 15.0, 1.0
+    ways = []
+    for spin in (0.0, 60.0):
+        builder = WorldBuilder(gravity=(0.0, 0.0, 0.0))
+        ground = Material(friction=0.0, stiffness=k)
+        builder.add_geometry("world", Box((1.0, 1.0, 0.5)), position=(0.0, 0.0, -0.5), material=ground)
+        add_box(builder, "box", (0.0, 0.0, 0.1), (0.05, 0.03, 0.02), (0.0, 0.0, 0.0, 1.0), mass)
+        simulator = Simulator(builder.build())
+        simulator.state.v[[2, 5]] = -speed, spin  # about its normal
+        run = simulator.run(25, keep_states=True)
+        ways.append(run.states[:, 2])
+    np.testing.assert_allclose(ways[1], ways[0], atol=1e-6)
+    assert 0.02 - min(ways[0]) == pytest.approx(speed * np.sqrt(mass / k), rel=0.1)
+
+
+@pytest.mark.parametrize("height", [0.3, -0.3])
+def test_inverse_dynamics_knows_what_a_limb_meets_on_its_way(height):
+    """Without a guess; from below the ground the arc leads deeper than the straight way, which takes rounds (S18)."""
+    random = np.random.default_rng(3)
+    world = swinging_tip(height)
+    simulator, inverse = Simulator(world, time_step=1e-3, tolerance=1e-13), InverseDynamics(world, 1e-3, tolerance=1e-8)
+    several = 0
+    for _ in range(30):
+        gap = random.choice([random.uniform(-2e-4, 2e-4), random.uniform(0.0, 0.01)])
+        q, v = np.arcsin([(height - 0.02 - gap) / 0.5]), random.uniform(15.0, 40.0, 1)
+        torque = 100.0 * random.normal(size=1)
+        simulator.reset()
+        simulator.state.q, simulator.state.v, simulator.applied_force = q, v, torque
+        simulator.step()
+        several += simulator.report.num_contacts > 1
+        assert simulator.report.num_contacts <= 3
+        found = inverse((q, v), simulator.state.v)
+        assert found.status == "solved"
+        np.testing.assert_allclose(found.force, torque, atol=1e-7)
+    assert several == 0 if height > 0.0 else several > 5
+
+
 def test_a_restored_simulator_with_fast_bodies_goes_on_bit_for_bit():
     builder = WorldBuilder()
     builder.add_ground(SMOOTH)

@@ -33,7 +33,7 @@ def cone_distance(mu, impulse, s):
     t = np.hypot(*impulse[:2])
     if not impulse.any():
         # What the polar cone leaves of it (Moreau).
-        return np.linalg.norm(project_cone([mu], -s[None])[0]) if mu > 0.0 else max(0.0, -s[2])
+        return np.linalg.norm(project_cone([mu], -s[None])[0])
     if t < (1.0 - 1e-9) * mu * impulse[2]:
         return np.linalg.norm(s)
     if mu == 0.0:

@@ -142,7 +142,9 @@ class Assembler {
   void soften_redundant(const std::vector<int>& selection);
   void write_problem();
   double largest_left_out();
-  void add_loads(const Set& a, const Set& b, double* block) const;
+  template <typename Add>
+  void add_load(const Set& moment, Index normal, Index first, const Add& add) const;
+  void add_loads(const std::vector<int>& selection, BlockDelassus& delassus) const;
   void add_loads(double* matrix, int rows) const;
   double squares(const Set& set) const;
   void set_load_speed(Set& set, double speed);

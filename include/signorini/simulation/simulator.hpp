@@ -124,6 +124,13 @@ class Simulator {
   std::uint64_t state_hash() const;
 
  private:
+  friend class InverseDynamics;
+  /// The velocity that a step from q and v finds, in the frames held still, with all force and what is implicit (S2)
+  /// given; started from impulses as by warm_start(). Leaves points() and assembler() as that step does, and the rest
+  /// as after reset().
+  const Vector& rehearse(const ConstVectorRef& q, const ConstVectorRef& v, const Vector& force, const Vector& implicit,
+                         const std::vector<Assembler::Set>& sets, const ConstVectorRef& impulse);
+
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };

@@ -21,7 +21,7 @@ namespace {
 bool identical(const ContactPoint& p, const ContactPoint& q) {
   return p.geometry_a == q.geometry_a && p.geometry_b == q.geometry_b && p.position == q.position &&
          p.normal == q.normal && p.distance == q.distance && p.patch_size == q.patch_size && p.previous == q.previous &&
-         p.id == q.id;
+         p.id == q.id && p.swept == q.swept && p.way_a == q.way_a && p.way_b == q.way_b;
 }
 
 bool identical(const std::vector<ContactPoint>& p, const std::vector<ContactPoint>& q) {
@@ -223,6 +223,21 @@ BOOST_AUTO_TEST_CASE(a_restored_copy_goes_on_bit_for_bit) {
   for (std::size_t cut = 0; cut < bytes.size(); cut += 97) BOOST_TEST(refused(bytes.substr(0, cut)));
   BOOST_TEST(refused(Heap(31).detector(10).save()));
   BOOST_TEST(identical(before, copy.points()));
+}
+
+BOOST_AUTO_TEST_CASE(a_restored_copy_has_the_points_of_sweeps) {
+  const std::vector<CollisionGeometry> geometries{{Shape::half_space(), 0, {}}, {Shape::sphere(0.1), 1, {}}};
+  Detector original(geometries, CollisionFilter()), copy(geometries, CollisionFilter());
+  std::vector<Placement> frames(2);
+  frames[1].translation = Vector3(0.0, 0.0, 0.15);
+  std::vector<FrameMotion> motions(2);
+  motions[1].velocity = Vector3(30.0, 0.0, -100.0);
+  const auto& points = original.detect(frames, motions, 1e-3);
+  BOOST_REQUIRE(points.size() == 1u);
+  BOOST_TEST(points[0].swept);
+  BOOST_TEST(std::abs(points[0].way_b[0] - 0.015) < 1e-9);  // it meets after half the step
+  copy.load(original.save());
+  BOOST_TEST(identical(copy.points(), points));
 }
 
 BOOST_AUTO_TEST_CASE(the_tree_finds_what_the_loop_finds) {
