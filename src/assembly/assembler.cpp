@@ -26,16 +26,26 @@ Vector3 rotation_vector(const Matrix3& rotation) {
   return turn.angle() * turn.axis();
 }
 
-/// y (Rows x 6, column-major) <- y times an upper triangular matrix.
+/// y (Rows x 6, column-major) <- y times an upper triangular matrix; the last column first, since it needs all others.
 template <int Rows>
 void multiply_upper(double* y, const Eigen::Matrix<double, 6, 6>& upper) {
-  double from[6 * Rows];
-  std::copy_n(y, 6 * Rows, from);
-  for (int c = 0; c < 6; ++c) {
+#pragma GCC unroll 6
+  for (int c = 5; c >= 0; --c) {
     double sums[Rows] = {};
+#pragma GCC unroll 6
     for (int k = 0; k <= c; ++k)
-      for (int r = 0; r < Rows; ++r) sums[r] += from[Rows * k + r] * upper(k, c);
+      for (int r = 0; r < Rows; ++r) sums[r] += y[Rows * k + r] * upper(k, c);
     std::copy_n(sums, Rows, y + Rows * c);
+  }
+}
+
+/// to (rows x columns) += from, of columns `stride` apart.
+inline void add_block(int rows, int columns, const double* from, int stride, double* to) {
+  for (int c = 0; c < columns; ++c, from += stride, to += rows) {
+    if (rows == 3)
+      to[0] += from[0], to[1] += from[1], to[2] += from[2];
+    else
+      to[0] += from[0];
   }
 }
 
@@ -105,8 +115,9 @@ Assembler::Set& Assembler::new_set(SetSource source, int index, int row, int row
 double* Assembler::articulated_columns(Set& set) {
   if (set.articulated < 0) {
     set.articulated = num_slots_++;
-    columns_.resize(static_cast<std::size_t>(num_slots_) * 3 * static_cast<std::size_t>(nv_articulated_));
-    masks_.resize(static_cast<std::size_t>(num_slots_ * words_));
+    const auto slots = static_cast<std::size_t>(num_slots_);
+    columns_.resize(std::max(columns_.size(), slots * 3 * static_cast<std::size_t>(nv_articulated_)));
+    masks_.resize(std::max(masks_.size(), slots * static_cast<std::size_t>(words_)));
     std::fill_n(masks_.begin() + static_cast<std::ptrdiff_t>(set.articulated) * words_, words_, 0u);
     std::fill_n(columns_.begin() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_,
                 set.rows * nv_articulated_, 0.0);
@@ -141,8 +152,9 @@ void Assembler::add_point(const Dynamics& dynamics, Set& set, int frame, const V
     for (int k = 0; k < 3; ++k) wrench[k][r] = force[k], wrench[3 + k][r] = moment[k];
   }
   const std::vector<int>& support = dynamics.support(frame);
+  const double* motions = dynamics.motion(0);
   for (std::size_t i = shared; i < support.size(); ++i) {
-    const double* m = dynamics.motion(support[i]);
+    const double* m = motions + 6 * static_cast<std::ptrdiff_t>(support[i]);
     double* yk = y + 3 * static_cast<std::ptrdiff_t>(support[i]);
     for (int r = 0; r < 3; ++r)
       yk[r] += m[0] * wrench[0][r] + m[1] * wrench[1][r] + m[2] * wrench[2][r] + m[3] * wrench[3][r] +
@@ -314,8 +326,11 @@ void Assembler::add_contacts(const std::vector<ContactPoint>& contacts) {
   for (std::size_t i = 0; i < contacts.size(); ++i) {
     const ContactPoint& contact = contacts[i];
     Set& set = new_set(SetSource::Contact, static_cast<int>(i), 0, 3);
-    set.frame = contact_frame(contact.normal);
-    set.material = world_->material(contact.geometry_a, contact.geometry_b);
+    const bool same_pair =
+        i > 0 && contacts[i - 1].geometry_a == contact.geometry_a && contacts[i - 1].geometry_b == contact.geometry_b;
+    const Set* last = same_pair ? &sets_[i - 1] : nullptr;  // points of a flat patch have one normal
+    set.frame = last && contacts[i - 1].normal == contact.normal ? last->frame : contact_frame(contact.normal);
+    set.material = last ? last->material : world_->material(contact.geometry_a, contact.geometry_b);
     all_sets_.add_friction_cone(set.material.friction);
     set.frame_a = geometry_frame_[static_cast<std::size_t>(contact.geometry_a)];
     set.frame_b = geometry_frame_[static_cast<std::size_t>(contact.geometry_b)];
@@ -655,6 +670,7 @@ void Assembler::set_bounce(std::size_t index, bool bounces) {
 void Assembler::multiply_blocks(const std::vector<int>& selection, const ConstraintSets& sets,
                                 BlockDelassus& delassus) {
   pairs_.clear();
+  blocks_of_free_.clear();
   for (const int body : touched_free_) sets_of_free_[static_cast<std::size_t>(body)].clear();
   touched_free_.clear();
   articulated_sets_.clear();
@@ -676,53 +692,70 @@ void Assembler::multiply_blocks(const std::vector<int>& selection, const Constra
       }
       articulated_sets_.push_back(i);
     }
-    for (int side = 0; side < set.num_free; ++side) {
-      std::vector<int>& list = sets_of_free_[static_cast<std::size_t>(set.free[side])];
-      if (list.empty()) touched_free_.push_back(set.free[side]);
-      partners_.insert(partners_.end(), list.begin(), list.end());
-    }
-    for (int side = 0; side < set.num_free; ++side) {
-      std::vector<int>& list = sets_of_free_[static_cast<std::size_t>(set.free[side])];
-      if (list.empty() || list.back() != i) list.push_back(i);
-    }
+    for (int side = 0; side < set.num_free; ++side)
+      for (const Touch& other : sets_of_free_[static_cast<std::size_t>(set.free[side])]) partners_.push_back(other.set);
     std::sort(partners_.begin(), partners_.end());
     partners_.erase(std::unique(partners_.begin(), partners_.end()), partners_.end());
+    for (int side = 0; side < set.num_free; ++side) {
+      std::vector<Touch>& list = sets_of_free_[static_cast<std::size_t>(set.free[side])];
+      if (list.empty()) touched_free_.push_back(set.free[side]);
+      const std::size_t first_block = blocks_of_free_.size();
+      auto partner = partners_.begin();
+      for (const Touch& other : list) {
+        while (*partner != other.set) ++partner;
+        blocks_of_free_.push_back(static_cast<Index>(pairs_.size()) + (partner - partners_.begin()));
+      }
+      list.push_back({i, side, set.rows, first_block});
+    }
     for (const int j : partners_) pairs_.emplace_back(i, j);
   }
   delassus.reset(sets, pairs_);
 
-  const auto each_block = [&](auto&& visit) {
-    for (int i = 0; i < static_cast<int>(selection.size()); ++i)
-      visit(selected(i), selected(i), delassus.diagonal_block(i));
-    for (std::size_t k = 0; k < pairs_.size(); ++k)
-      visit(selected(pairs_[k].first), selected(pairs_[k].second), delassus.block(static_cast<Index>(k)));
-  };
-  each_block([this](const Set& a, const Set& b, double* block) {  // rows of a x rows of b, column-major
+  const auto visit = [this](const Set& a, const Set& b, double* block) {  // rows of a x rows of b, column-major
     if (a.articulated >= 0 && b.articulated >= 0 && a.group == b.group) {
       const Group& group = groups_[static_cast<std::size_t>(a.group)];
       const double* from =
           products_.data() + group.product + static_cast<std::ptrdiff_t>(b.group_row) * group.rows + a.group_row;
-      for (int c = 0; c < b.rows; ++c, from += group.rows)
-        for (int r = 0; r < a.rows; ++r) block[c * a.rows + r] = -from[r];
+      add_block(a.rows, b.rows, from, group.rows, block);
     }
-    for (int p = 0; p < a.num_free; ++p)
-      for (int q = 0; q < b.num_free; ++q) {
-        if (a.free[p] != b.free[q]) continue;
-        const double *ya = a.y[p], *yb = b.y[q];
-        if (a.rows == 3 && b.rows == 3) {
-          double sums[9] = {};  // not in the block, which could be anywhere for all the compiler knows
-          for (int k = 0; k < 6; ++k)
-            for (int c = 0; c < 3; ++c)
-              for (int r = 0; r < 3; ++r) sums[3 * c + r] += ya[3 * k + r] * yb[3 * k + c];
-          for (int k = 0; k < 9; ++k) block[k] += sums[k];
-        } else {
-          for (int k = 0; k < 6; ++k)
-            for (int c = 0; c < b.rows; ++c)
-              for (int r = 0; r < a.rows; ++r) block[c * a.rows + r] += ya[k * a.rows + r] * yb[k * b.rows + c];
-        }
-      }
-  });
+  };
+  if (!articulated_sets_.empty()) {
+    for (int i = 0; i < static_cast<int>(selection.size()); ++i)
+      visit(selected(i), selected(i), delassus.diagonal_block(i));
+    for (std::size_t k = 0; k < pairs_.size(); ++k)
+      visit(selected(pairs_[k].first), selected(pairs_[k].second), delassus.block(static_cast<Index>(k)));
+  }
+  for (const int body : touched_free_) add_free_products(selection, body, delassus);
   if (has_moments_) add_loads(selection, delassus);
+}
+
+/// G += Y_b Y_b^T of a free body b, over the sets that act on it.
+void Assembler::add_free_products(const std::vector<int>& selection, int body, BlockDelassus& delassus) {
+  const std::vector<Touch>& list = sets_of_free_[static_cast<std::size_t>(body)];
+  int rows = 0;
+  for (const Touch& touch : list) rows += touch.rows;
+  packed_.resize(std::max(packed_.size(), 6 * static_cast<std::size_t>(rows)));
+  double* to = packed_.data();
+  for (const Touch& touch : list) {
+    const Set& set = sets_[static_cast<std::size_t>(selection[static_cast<std::size_t>(touch.set)])];
+    const double* y = set.y[touch.side];
+    for (int k = 0; k < 6; ++k)
+      for (int r = 0; r < touch.rows; ++r) to[k * rows + r] = *y++;
+    to += touch.rows;
+  }
+  products_.resize(std::max(products_.size(), static_cast<std::size_t>(rows) * static_cast<std::size_t>(rows)));
+  dense_kernels().symmetric_product(rows, 6, packed_.data(), products_.data());
+  const double* from = products_.data();
+  for (const Touch& touch : list) {
+    const double* own = from;
+    const Index* block = blocks_of_free_.data() + touch.first_block;
+    for (const Touch* other = list.data(); other != &touch; ++other) {
+      add_block(touch.rows, other->rows, own, rows, delassus.block(*block++));
+      own += other->rows * rows;
+    }
+    add_block(touch.rows, touch.rows, own, rows, delassus.diagonal_block(touch.set));
+    from += touch.rows;
+  }
 }
 
 template <typename Add>
@@ -758,7 +791,7 @@ void Assembler::add_loads(double* matrix, int rows) const {
   }
 }
 
-/// products_ = -Y Y^T of the articulated rows, lower triangles, group by group: sets that share no velocity, directly
+/// products_ = Y Y^T of the articulated rows, lower triangles, group by group: sets that share no velocity, directly
 /// or through others, are in different groups.
 void Assembler::multiply_articulated(const std::vector<int>& selection) {
   groups_.clear();
@@ -803,7 +836,7 @@ void Assembler::multiply_articulated(const std::vector<int>& selection) {
     group.product = static_cast<std::ptrdiff_t>(total);
     total += static_cast<std::size_t>(group.rows) * static_cast<std::size_t>(group.rows);
   }
-  products_.assign(total, 0.0);
+  products_.resize(std::max(products_.size(), total));
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     const Group& group = groups_[g];
     if (group.rows == 0) continue;
@@ -818,12 +851,14 @@ void Assembler::multiply_articulated(const std::vector<int>& selection) {
       const double* y = columns_.data() + static_cast<std::ptrdiff_t>(set.articulated) * 3 * nv_articulated_;
       double* to = packed_.data() + set.group_row;
       for (const int k : dofs_) {
-        for (int r = 0; r < set.rows; ++r) to[r] = y[k * set.rows + r];
+        const double* yk = y + k * set.rows;
+        to[0] = yk[0];
+        if (set.rows == 3) to[1] = yk[1], to[2] = yk[2];
         to += group.rows;
       }
     }
-    dense_kernels().symmetric_update(group.rows, static_cast<int>(dofs_.size()), packed_.data(),
-                                     products_.data() + group.product);
+    dense_kernels().symmetric_product(group.rows, static_cast<int>(dofs_.size()), packed_.data(),
+                                      products_.data() + group.product);
   }
 }
 
@@ -845,7 +880,7 @@ void Assembler::soften_redundant(const std::vector<int>& selection) {
     const double* product = products_.data() + group.product;
     const auto entry = [&](const Set& a, const Set& b) {  // of G
       const auto [c, r] = std::minmax(a.group_row, b.group_row);
-      return -product[static_cast<std::ptrdiff_t>(c) * group.rows + r];
+      return product[static_cast<std::ptrdiff_t>(c) * group.rows + r];
     };
     // Rows of one constraint along different axes are one length or one angle: the axis of a plane linkage, which is
     // moved by rounding alone, must not be scaled up.
@@ -959,7 +994,7 @@ void Assembler::write_problem() {
     double* to = coupled_->reset(rows);
     for (int c = 0; c < rows; ++c)
       for (int r = c; r < rows; ++r)
-        to[c * rows + r] = to[r * rows + c] = -products_[static_cast<std::size_t>(c * rows + r)];
+        to[c * rows + r] = to[r * rows + c] = products_[static_cast<std::size_t>(c * rows + r)];
     if (has_moments_) add_loads(to, rows);
   } else {
     multiply_blocks(selection_, constraint_sets_, *delassus_);
@@ -1061,13 +1096,16 @@ void Assembler::add_row_products(const Set& set, const ConstVectorRef& impulse) 
     for (int w = 0; w < words_; ++w)
       for (std::uint64_t bits = mask[w]; bits; bits &= bits - 1) {
         const int k = 64 * w + __builtin_ctzll(bits);
-        for (int r = 0; r < set.rows; ++r) whitened_[k] += y[k * set.rows + r] * x[r];
+        const double* yk = y + k * set.rows;
+        double& out = whitened_[k];
+        out = set.rows == 3 ? out + yk[0] * x[0] + yk[1] * x[1] + yk[2] * x[2] : out + yk[0] * x[0];
       }
   }
   for (int side = 0; side < set.num_free; ++side) {
     double* out = whitened_.data() + nv_articulated_ + 6 * static_cast<std::ptrdiff_t>(set.free[side]);
-    for (int k = 0; k < 6; ++k)
-      for (int r = 0; r < set.rows; ++r) out[k] += set.y[side][k * set.rows + r] * x[r];
+    const double* y = set.y[side];
+    for (int k = 0; k < 6; ++k, y += set.rows)
+      out[k] = set.rows == 3 ? out[k] + y[0] * x[0] + y[1] * x[1] + y[2] * x[2] : out[k] + y[0] * x[0];
   }
 }
 

@@ -130,28 +130,26 @@ Index Dynamics::num_articulated() const { return world_->impl().nv_articulated; 
 const std::vector<int>& Dynamics::factor_parent() const { return world_->impl().factor_parent; }
 int Dynamics::num_free_bodies() const { return static_cast<int>(world_->impl().free_bodies.size()); }
 void Dynamics::twists(const ConstVectorRef& v, std::vector<Twist>& out) const {
+  const World::Impl& w = world_->impl();
   out.resize(frames_.size());
-  for (int frame = 0; frame < static_cast<int>(frames_.size()); ++frame) {
-    Twist& twist = out[static_cast<std::size_t>(frame)];
-    const int free = frame > 0 ? free_body(frame) : -1;
-    if (free >= 0) {
-      const Placement& placement = frames_[static_cast<std::size_t>(frame)];
-      const Index at = free_v(free);
-      twist.angular = placement.rotation * v.segment<3>(at + 3);
-      twist.linear = placement.rotation * v.segment<3>(at) - twist.angular.cross(placement.translation);
-      continue;
-    }
-    if (frame == 0) {
-      twist = Twist();
-      continue;
-    }
-    const ArticulatedJoint& joint = world_->impl().articulated[static_cast<std::size_t>(frame)];
+  out[0] = Twist();
+  for (std::size_t frame = 1; frame < static_cast<std::size_t>(first_free_frame_); ++frame) {
+    const ArticulatedJoint& joint = w.articulated[frame];
+    Twist& twist = out[frame];
     twist = out[static_cast<std::size_t>(joint.parent)];
-    for (Index k = joint.v; k < joint.v + joint.num_v(); ++k) {
-      const double* m = motion(k);
+    const double* m = motion(joint.v);
+    for (Index k = joint.v; k < joint.v + joint.num_v(); ++k, m += 6) {
       twist.linear += v[k] * Vector3(m[0], m[1], m[2]);
       twist.angular += v[k] * Vector3(m[3], m[4], m[5]);
     }
+  }
+  for (std::size_t i = 0; i < w.free_bodies.size(); ++i) {
+    const std::size_t frame = static_cast<std::size_t>(first_free_frame_) + i;
+    const Placement& placement = frames_[frame];
+    const Index at = w.free_bodies[i].v;
+    Twist& twist = out[frame];
+    twist.angular = placement.rotation * v.segment<3>(at + 3);
+    twist.linear = placement.rotation * v.segment<3>(at) - twist.angular.cross(placement.translation);
   }
 }
 
@@ -344,9 +342,10 @@ bool Dynamics::factor(const ConstVectorRef& implicit) {
   Impl& s = *impl_;
   bool good = true;
   const Index n = w.nv_articulated;
-  for (Index k = 0; k < n; ++k)
-    for (int i = static_cast<int>(k); i >= 0; i = w.factor_parent[static_cast<std::size_t>(i)])
-      s.lower(k, i) = s.mass(k, i);
+  for (Index k = 0; k < n; ++k) {
+    const Index root = s.root[static_cast<std::size_t>(k)];
+    std::copy_n(s.mass.data() + k * n + root, k + 1 - root, s.lower.data() + k * n + root);
+  }
   s.lower.diagonal() += implicit.head(n);
   for (std::size_t t = 0; t < w.tendon_pulls.size(); ++t) {
     const double resistance = implicit[w.num_v + static_cast<Index>(t)];
@@ -391,8 +390,8 @@ void Dynamics::solve_half(VectorRef x) const {
   const Index n = w.nv_articulated;
   for (Index k = n - 1; k >= 0; --k) {
     const double* row = impl_->lower.data() + k * n;
-    for (int i = w.factor_parent[static_cast<std::size_t>(k)]; i >= 0; i = w.factor_parent[static_cast<std::size_t>(i)])
-      x[i] -= row[i] * x[k];
+    const Index root = impl_->root[static_cast<std::size_t>(k)];
+    subtract(k - root, x[k], row + root, x.data() + root);
     x[k] *= impl_->inverse_sqrt_d[k];
   }
   for (std::size_t i = 0; i < w.free_bodies.size(); ++i) {
@@ -441,15 +440,16 @@ void Dynamics::solve(VectorRef x) const {
 namespace {
 
 template <int Rows>
-void whiten_rows(const double* lower, const double* inverse_sqrt_d, const std::vector<int>& factor_parent, Index stride,
-                 double* y, const int* dofs, int count) {
+void whiten_rows(const double* lower, const double* inverse_sqrt_d, Index stride, double* y, const int* dofs,
+                 int count) {
   for (int at = 0; at < count; ++at) {
     const int k = dofs[at];
     const double* row = lower + k * stride;
     double* yk = y + static_cast<std::ptrdiff_t>(k) * Rows;
     double own[Rows];
     for (int r = 0; r < Rows; ++r) own[r] = yk[r];
-    for (int i = factor_parent[static_cast<std::size_t>(k)]; i >= 0; i = factor_parent[static_cast<std::size_t>(i)]) {
+    for (int next = at + 1; next < count; ++next) {  // those that do not lead to the root have 0 in L
+      const int i = dofs[next];
       double* yi = y + static_cast<std::ptrdiff_t>(i) * Rows;
       for (int r = 0; r < Rows; ++r) yi[r] -= row[i] * own[r];
     }
@@ -460,9 +460,8 @@ void whiten_rows(const double* lower, const double* inverse_sqrt_d, const std::v
 }  // namespace
 
 void Dynamics::whiten(double* y, int rows, const int* dofs, int count) const {
-  const World::Impl& w = world_->impl();
   const auto whiten = rows == 3 ? &whiten_rows<3> : &whiten_rows<1>;
-  whiten(impl_->lower.data(), impl_->inverse_sqrt_d.data(), w.factor_parent, w.nv_articulated, y, dofs, count);
+  whiten(impl_->lower.data(), impl_->inverse_sqrt_d.data(), num_articulated(), y, dofs, count);
 }
 
 Matrix Dynamics::jacobian(const ConstVectorRef& q, int body, const Vector3& point) {

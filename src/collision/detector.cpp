@@ -23,6 +23,7 @@ constexpr double kTouches = 1e-6;   // [m] what is nearer is not swept: its cont
 constexpr double kHugs = 5e-7;      // [m] what touches may sink in by so much more before it meets again
 constexpr double kSinksDeep = 0.1;  // of the margin: how much deeper such a pair may go in a step
 constexpr double kSameTime = 1e-9;  // of the step: meetings nearer in time than this are one
+const FrameMotion kAtRest;
 constexpr char kMagic[] = "signorini detector 2";
 
 std::string number(double value) {
@@ -207,7 +208,7 @@ struct Detector::Impl {
         continue;
       }
       bound.centre = placement * solid.centre;
-      bound.radius = solid.radius;
+      bound.radius = solid.type == ShapeType::HalfSpace ? kInfinity : solid.radius;
       if (solid.type == ShapeType::HalfSpace) continue;
       const Vector3 reach = placement.rotation.cwiseAbs() * solid.half_extents;
       bound.lower = bound.centre - reach, bound.upper = bound.centre + reach;
@@ -216,10 +217,15 @@ struct Detector::Impl {
 
   bool are_near(int a, int b) const {
     const Bounds &p = bounds[a], &q = bounds[b];
+    const double reach = p.radius + q.radius + settings.margin;  // infinite with a half space
+    return (p.centre - q.centre).squaredNorm() <= reach * reach && boxes_meet(a, b);
+  }
+
+  /// Of two balls that do.
+  bool boxes_meet(int a, int b) const {
+    const Bounds &p = bounds[a], &q = bounds[b];
     if (solids[a].type == ShapeType::HalfSpace) return above(a, q);
     if (solids[b].type == ShapeType::HalfSpace) return above(b, p);
-    const double reach = p.radius + q.radius + settings.margin;
-    if (!((p.centre - q.centre).squaredNorm() <= reach * reach)) return false;
     return ((p.lower - q.upper).array() <= settings.margin).all() &&
            ((q.lower - p.upper).array() <= settings.margin).all();
   }
@@ -243,12 +249,12 @@ struct Detector::Impl {
       if (are_near(pair.first, pair.second)) near.push_back(pair);
   }
 
-  /// The same, and the fast pairs that may come near during the step.
-  void find_pairs_of_fast_step() {
+  /// The fast pairs that may come near during the step, and those that are near now.
+  void find_pairs_of_fast_step(bool with_near) {
     near.clear();
-    const auto look = [this](const std::pair<int, int>& pair) {
-      if (are_near(pair.first, pair.second) || (is_fast(pair.first, pair.second) && may_meet(pair.first, pair.second)))
-        near.push_back(pair);
+    const auto look = [this, with_near](const std::pair<int, int>& pair) {
+      const auto& [a, b] = pair;
+      if ((is_fast(a, b) && may_meet(a, b)) || (with_near && are_near(a, b))) near.push_back(pair);
     };
     if (!use_tree) {
       for (const auto& pair : listed) look(pair);
@@ -274,13 +280,9 @@ struct Detector::Impl {
            ((q.lower - p.upper).array() <= settings.margin).all();
   }
 
-  FrameMotion motion(int geometry) const {
+  const FrameMotion& motion(int geometry) const {
     const auto frame = static_cast<std::size_t>(geometries[geometry].frame);
-    return frame == 0 || frame >= motions->size() ? FrameMotion() : (*motions)[frame];
-  }
-  Vector3 velocity(int geometry) const {
-    const auto frame = static_cast<std::size_t>(geometries[geometry].frame);
-    return frame == 0 || frame >= motions->size() ? Vector3(Vector3::Zero()) : (*motions)[frame].velocity;
+    return frame == 0 || frame >= motions->size() ? kAtRest : (*motions)[frame];
   }
   Moving moving(int geometry) const { return {solids[geometry], placements[geometry], motion(geometry)}; }
 
@@ -289,32 +291,26 @@ struct Detector::Impl {
     motions = &its_motions, duration = its_duration;
     travel.assign(geometries.size(), 0.0);
     turning.assign(geometries.size(), 0.0);
+    swept = bounds;
     double most = 0.0;
     for (std::size_t k = 0; k < geometries.size(); ++k) {
-      if (geometries[k].frame == 0 || !std::isfinite(bounds[k].radius)) continue;
-      const Moving its = moving(static_cast<int>(k));
-      turning[k] = its.motion.angular.norm() * its.arm();
-      const double way = duration * (its.motion.velocity.norm() + turning[k]);
-      if (!std::isfinite(way)) continue;
-      travel[k] = way;
-      most = std::max(most, way);
-    }
-    if (2.0 * most <= settings.sweep_from) {
-      travel.clear();
-      return false;
-    }
-    swept = bounds;
-    for (std::size_t k = 0; k < geometries.size(); ++k) {
-      if (travel[k] == 0.0) continue;
-      const FrameMotion its = motion(static_cast<int>(k));
-      // A turn moves a point by its arc, at most twice its arm.
+      if (geometries[k].frame == 0 || std::isnan(bounds[k].radius)) continue;
+      const FrameMotion& its = motion(static_cast<int>(k));
       const double angular = its.angular.norm();
+      turning[k] = angular > 0.0 ? angular * arm(solids[k], bounds[k].centre, its) : 0.0;
+      const double length = duration * (its.velocity.norm() + turning[k]);
+      if (!std::isfinite(length)) continue;
+      travel[k] = length;
+      most = std::max(most, length);
+      // A turn moves a point by its arc, at most twice its arm.
       const double turn = angular > 0.0 ? std::min(2.0, duration * angular) * turning[k] / angular : 0.0;
       const Vector3 way = duration * its.velocity;
       swept[k].lower += way.cwiseMin(0.0) - Vector3::Constant(turn);
       swept[k].upper += way.cwiseMax(0.0) + Vector3::Constant(turn);
     }
-    return true;
+    if (2.0 * most > settings.sweep_from) return true;
+    travel.clear();
+    return false;
   }
 
   /// Every box lies in the one that the candidates were listed with, widened by the skin.
@@ -350,7 +346,7 @@ struct Detector::Impl {
     points.clear(), locals.clear(), pairs.clear(), travel.clear(), shares.clear();
     place(frames);
     if (its_motions && set_motions(*its_motions, its_duration))
-      find_pairs_of_fast_step();
+      find_pairs_of_fast_step(true);
     else
       find_near_pairs();
     auto old_pair = old_pairs.cbegin();
@@ -377,7 +373,7 @@ struct Detector::Impl {
 
   bool must_sweep(int a, int b) const {
     if (!is_fast(a, b)) return false;
-    const double apart = (velocity(b) - velocity(a)).norm() + turning[a] + turning[b];
+    const double apart = (motion(b).velocity - motion(a).velocity).norm() + turning[a] + turning[b];
     if (apart * duration <= settings.sweep_from) return false;
     return closing_speed(moving(a), moving(b), duration) * duration > settings.sweep_from;
   }
@@ -523,7 +519,7 @@ struct Detector::Impl {
                     bool add = true) {
     shares.clear();
     if (!set_motions(its_motions, its_duration)) return false;
-    find_pairs_of_fast_step();
+    find_pairs_of_fast_step(false);
     return add_first_meetings(all, touching, true, add);
   }
 
@@ -547,14 +543,24 @@ struct Detector::Impl {
     // The nearest of all pairs old-new first. On a wheel the point stays where it is on the ground, under a sliding box
     // where it is on the box: the frame in which it moved less counts.
     std::array<std::array<double, Manifold::kMost>, Manifold::kMost> moved;
-    for (int i = 0; i < manifold.count; ++i)
-      for (int j = 0; j < old_size; ++j)
-        moved[i][j] = std::min((local[i].on_a - old_locals[old_point + j].on_a).squaredNorm(),
-                               (local[i].on_b - old_locals[old_point + j].on_b).squaredNorm());
     std::array<int, Manifold::kMost> heir, parent;  // of old, of new
     heir.fill(-1), parent.fill(-1);
-    for (int round = std::min(manifold.count, old_size); round > 0; --round) {
-      double least = settings.match_distance * settings.match_distance;
+    const double farthest = settings.match_distance * settings.match_distance;
+    bool clear = true;  // each has another nearest, so that the order does not matter
+    for (int i = 0; i < manifold.count; ++i) {
+      double least = farthest;
+      for (int j = 0; j < old_size; ++j) {
+        moved[i][j] = std::min((local[i].on_a - old_locals[old_point + j].on_a).squaredNorm(),
+                               (local[i].on_b - old_locals[old_point + j].on_b).squaredNorm());
+        if (moved[i][j] < least || (moved[i][j] == least && parent[i] < 0)) least = moved[i][j], parent[i] = j;
+      }
+      if (parent[i] < 0) continue;
+      clear = clear && heir[parent[i]] < 0;
+      heir[parent[i]] = i;
+    }
+    if (!clear) heir.fill(-1), parent.fill(-1);
+    for (int round = clear ? 0 : std::min(manifold.count, old_size); round > 0; --round) {
+      double least = farthest;
       int best_i = -1, best_j = -1;
       for (int i = 0; i < manifold.count; ++i)
         for (int j = 0; j < old_size; ++j)

@@ -36,9 +36,12 @@ Placement moved(const Placement& place, const FrameMotion& motion, double time) 
   return result;
 }
 
+double arm(const Solid& solid, const Vector3& centre, const FrameMotion& motion) {
+  return (centre - motion.centre).norm() + (solid.type == ShapeType::Sphere ? 0.0 : solid.radius);
+}
+
 double Moving::arm() const {
-  if (motion.angular.isZero(0.0)) return 0.0;
-  return (place * solid.centre - motion.centre).norm() + (solid.type == ShapeType::Sphere ? 0.0 : solid.radius);
+  return motion.angular.isZero(0.0) ? 0.0 : signorini::arm(solid, place * solid.centre, motion);
 }
 
 double closing_speed(const Moving& a, const Moving& b, double duration) {

@@ -8,14 +8,17 @@ namespace signorini {
 /// Where a placement of a frame's geometry has come after `time` of the frame's motion.
 Placement moved(const Placement& place, const FrameMotion& motion, double time);
 
+/// How far the points of a geometry, centred there, are at most from the one of its frame that moves straight; of a
+/// sphere, whose turn nobody sees, its centre.
+double arm(const Solid& solid, const Vector3& centre, const FrameMotion& motion);
+
 /// One geometry on its way: where it starts, and how its frame moves.
 struct Moving {
   const Solid& solid;
   Placement place;
   FrameMotion motion;
 
-  /// How far its points are at most from the one that moves straight; of a sphere, whose turn nobody sees, its centre.
-  double arm() const;
+  double arm() const;  ///< 0 where nothing turns
   Placement at(double time) const { return moved(place, motion, time); }
   Vector3 velocity(const Vector3& point, double time) const {
     return motion.velocity + motion.angular.cross(point - motion.centre - time * motion.velocity);

@@ -12,15 +12,23 @@
 namespace signorini::SIGNORINI_KERNEL_NAMESPACE {
 namespace {
 
-// A vector of doubles; load and store of the first r < W lanes for the ends of columns.
+// A vector of doubles; load and store of the first r < W lanes, or of those from `first` to before `last`, for the ends
+// of columns.
 #if defined(__AVX512F__)
 constexpr int W = 8, NR = 8;
 using V = __m512d;
 inline V load(const double* p) { return _mm512_loadu_pd(p); }
 inline V load(const double* p, int r) { return _mm512_maskz_loadu_pd(static_cast<__mmask8>((1 << r) - 1), p); }
+inline V load(const double* p, int first, int last) {
+  return _mm512_maskz_loadu_pd(static_cast<__mmask8>((1 << last) - (1 << first)), p);
+}
 inline void store(double* p, V v) { _mm512_storeu_pd(p, v); }
 inline void store(double* p, V v, int r) { _mm512_mask_storeu_pd(p, static_cast<__mmask8>((1 << r) - 1), v); }
+inline void store(double* p, V v, int first, int last) {
+  _mm512_mask_storeu_pd(p, static_cast<__mmask8>((1 << last) - (1 << first)), v);
+}
 inline V spread(double a) { return _mm512_set1_pd(a); }
+inline V product(V a, V b) { return _mm512_mul_pd(a, b); }
 inline V minus_product(V c, V a, V b) { return _mm512_fnmadd_pd(a, b, c); }
 inline V plus_product(V c, V a, V b) { return _mm512_fmadd_pd(a, b, c); }
 inline V zero() { return _mm512_setzero_pd(); }
@@ -30,9 +38,16 @@ using V = __m256d;
 inline __m256i lanes(int r) { return _mm256_cmpgt_epi64(_mm256_set1_epi64x(r), _mm256_set_epi64x(3, 2, 1, 0)); }
 inline V load(const double* p) { return _mm256_loadu_pd(p); }
 inline V load(const double* p, int r) { return _mm256_maskload_pd(p, lanes(r)); }
+inline V load(const double* p, int first, int last) {
+  return _mm256_maskload_pd(p, _mm256_andnot_si256(lanes(first), lanes(last)));
+}
 inline void store(double* p, V v) { _mm256_storeu_pd(p, v); }
 inline void store(double* p, V v, int r) { _mm256_maskstore_pd(p, lanes(r), v); }
+inline void store(double* p, V v, int first, int last) {
+  _mm256_maskstore_pd(p, _mm256_andnot_si256(lanes(first), lanes(last)), v);
+}
 inline V spread(double a) { return _mm256_set1_pd(a); }
+inline V product(V a, V b) { return _mm256_mul_pd(a, b); }
 inline V minus_product(V c, V a, V b) { return _mm256_fnmadd_pd(a, b, c); }
 inline V plus_product(V c, V a, V b) { return _mm256_fmadd_pd(a, b, c); }
 inline V zero() { return _mm256_setzero_pd(); }
@@ -41,9 +56,12 @@ constexpr int W = 1, NR = 4;
 using V = double;
 inline V load(const double* p) { return *p; }
 inline V load(const double* p, int) { return *p; }
+inline V load(const double* p, int, int) { return *p; }
 inline void store(double* p, V v) { *p = v; }
 inline void store(double* p, V v, int) { *p = v; }
+inline void store(double* p, V v, int, int) { *p = v; }
 inline V spread(double a) { return a; }
+inline V product(V a, V b) { return a * b; }
 inline V minus_product(V c, V a, V b) { return c - a * b; }
 inline V plus_product(V c, V a, V b) { return c + a * b; }
 inline V zero() { return 0.0; }
@@ -57,19 +75,21 @@ inline void axpy_minus(int m, double a, const double* x, double* y) {
   if (i < m) store(y + i, minus_product(load(y + i, m - i), load(x + i, m - i), va), m - i);
 }
 
-/// C (MV vectors x N columns, the last one of r lanes when Tail) -= A (.. x k) B (k x N); B(q, j) = b[q qs + j js].
-template <int MV, int N, bool Tail>
+/// C (MV vectors x N columns, the last one of r lanes when Tail) -= A (.. x k) B (k x N), or = A B when Fresh;
+/// B(q, j) = b[q qs + j js].
+template <int MV, int N, bool Tail, bool Fresh>
 inline void tile(int k, const double* a, int lda, const double* b, int qs, int js, double* c, int ldc, int r) {
   V acc[MV][N];
   for (int v = 0; v < MV; ++v)
     for (int j = 0; j < N; ++j)
-      acc[v][j] = Tail && v == MV - 1 ? load(c + j * ldc + v * W, r) : load(c + j * ldc + v * W);
+      acc[v][j] = Fresh ? zero() : Tail && v == MV - 1 ? load(c + j * ldc + v * W, r) : load(c + j * ldc + v * W);
   for (int q = 0; q < k; ++q) {
     V av[MV];
     for (int v = 0; v < MV; ++v) av[v] = Tail && v == MV - 1 ? load(a + q * lda + v * W, r) : load(a + q * lda + v * W);
     for (int j = 0; j < N; ++j) {
       const V bv = spread(b[j * js + q * qs]);
-      for (int v = 0; v < MV; ++v) acc[v][j] = minus_product(acc[v][j], av[v], bv);
+      for (int v = 0; v < MV; ++v)
+        acc[v][j] = Fresh ? plus_product(acc[v][j], av[v], bv) : minus_product(acc[v][j], av[v], bv);
     }
   }
   for (int v = 0; v < MV; ++v)
@@ -81,35 +101,36 @@ inline void tile(int k, const double* a, int lda, const double* b, int qs, int j
     }
 }
 
-template <int N>
+template <int N, bool Fresh = false>
 inline void columns(int m, int k, const double* a, int lda, const double* b, int qs, int js, double* c, int ldc) {
   int i = 0;
-  for (; i + 2 * W <= m; i += 2 * W) tile<2, N, false>(k, a + i, lda, b, qs, js, c + i, ldc, 0);
+  for (; i + 2 * W <= m; i += 2 * W) tile<2, N, false, Fresh>(k, a + i, lda, b, qs, js, c + i, ldc, 0);
   const int rest = m - i;
   if (rest == 0) return;
   if (rest < W)
-    tile<1, N, true>(k, a + i, lda, b, qs, js, c + i, ldc, rest);
+    tile<1, N, true, Fresh>(k, a + i, lda, b, qs, js, c + i, ldc, rest);
   else if (rest == W)
-    tile<1, N, false>(k, a + i, lda, b, qs, js, c + i, ldc, 0);
+    tile<1, N, false, Fresh>(k, a + i, lda, b, qs, js, c + i, ldc, 0);
   else
-    tile<2, N, true>(k, a + i, lda, b, qs, js, c + i, ldc, rest - W);
+    tile<2, N, true, Fresh>(k, a + i, lda, b, qs, js, c + i, ldc, rest - W);
 }
 
 /// The same for 1 to 4 columns.
+template <bool Fresh = false>
 inline void few_columns(int n, int m, int k, const double* a, int lda, const double* b, int qs, int js, double* c,
                         int ldc) {
   switch (n) {
     case 4:
-      columns<4>(m, k, a, lda, b, qs, js, c, ldc);
+      columns<4, Fresh>(m, k, a, lda, b, qs, js, c, ldc);
       break;
     case 3:
-      columns<3>(m, k, a, lda, b, qs, js, c, ldc);
+      columns<3, Fresh>(m, k, a, lda, b, qs, js, c, ldc);
       break;
     case 2:
-      columns<2>(m, k, a, lda, b, qs, js, c, ldc);
+      columns<2, Fresh>(m, k, a, lda, b, qs, js, c, ldc);
       break;
     case 1:
-      columns<1>(m, k, a, lda, b, qs, js, c, ldc);
+      columns<1, Fresh>(m, k, a, lda, b, qs, js, c, ldc);
       break;
     default:
       break;
@@ -128,12 +149,13 @@ void gemm_minus(int m, int n, int k, const double* a, int lda, const double* b, 
   few_columns(n - j, m, k, a, lda, b + j * ldb, 1, ldb, c + j * ldc, ldc);
 }
 
-/// The lower triangle of C (n x n, and m rows below it) -= A A_top^T, A (n + m rows) x k. Of the blocks on the diagonal
-/// the upper triangle is written too.
+/// The lower triangle of C (n x n, and m rows below it) -= A A_top^T, or = when Fresh, A (n + m rows) x k. Of the
+/// blocks on the diagonal the upper triangle is written too.
+template <bool Fresh = false>
 void symmetric_minus(int n, int m, int k, const double* a, int lda, double* c, int ldc) {
   int j = 0;
-  for (; j + 4 <= n; j += 4) columns<4>(n + m - j, k, a + j, lda, a + j, lda, 1, c + j * ldc + j, ldc);
-  few_columns(n - j, n + m - j, k, a + j, lda, a + j, lda, 1, c + j * ldc + j, ldc);
+  for (; j + 4 <= n; j += 4) columns<4, Fresh>(n + m - j, k, a + j, lda, a + j, lda, 1, c + j * ldc + j, ldc);
+  few_columns<Fresh>(n - j, n + m - j, k, a + j, lda, a + j, lda, 1, c + j * ldc + j, ldc);
 }
 
 inline double dot(int m, const double* a, const double* b) {
@@ -162,6 +184,33 @@ inline void product_rows(int n, const double* a, int lda, const double* x, doubl
       store(y + v * W, acc[v], r);
     else
       store(y + v * W, acc[v]);
+  }
+}
+
+/// y (MV or more vectors, up to 4, the last one of r lanes when Tail) = A x, all at once: one sum alone would wait for
+/// itself.
+template <int MV, bool Tail>
+inline void product_rows(int vectors, int n, const double* a, int lda, const double* x, double* y, int r) {
+  if constexpr (MV < 4)
+    if (vectors > MV) return product_rows<MV + 1, Tail>(vectors, n, a, lda, x, y, r);
+  product_rows<MV, Tail>(n, a, lda, x, y, r);
+}
+
+// Triangular solves work on a copy of up to kBlock values, always in whole vectors from its start: to load what was
+// just stored in other pieces takes long.
+constexpr int kBlock = 64;
+
+inline void open_block(int n, const double* x, double* work) {
+  for (int i = 0; i < n; ++i) work[i] = x[i];
+  for (int i = n; i % W != 0; ++i) work[i] = 0.0;
+}
+
+/// work -= a column, entries from `first` to before `last`.
+inline void subtract(int first, int last, double a, const double* column, double* work) {
+  const V va = spread(a);
+  for (int i = first / W * W; i < last; i += W) {
+    const V part = load(column + i, first > i ? first - i : 0, last - i < W ? last - i : W);
+    store(work + i, minus_product(load(work + i), part, va));
   }
 }
 
@@ -222,8 +271,11 @@ inline void lower_solve(int k, int n, const double* inverse, double* b, int ldb)
 void multiply(int m, int n, const double* a, int lda, const double* x, double* y) {
   int i = 0;
   for (; i + 4 * W <= m; i += 4 * W) product_rows<4, false>(n, a + i, lda, x, y + i, 0);
-  for (; i + W <= m; i += W) product_rows<1, false>(n, a + i, lda, x, y + i, 0);
-  if (i < m) product_rows<1, true>(n, a + i, lda, x, y + i, m - i);
+  const int rest = m - i, r = rest % W, vectors = (rest + W - 1) / W;
+  if (r > 0)
+    product_rows<1, true>(vectors, n, a + i, lda, x, y + i, r);
+  else if (rest > 0)
+    product_rows<1, false>(vectors, n, a + i, lda, x, y + i, 0);
 }
 
 void add_three(int m, const double* a, int lda, const double* x, double* y) {
@@ -240,7 +292,7 @@ void add_three(int m, const double* a, int lda, const double* x, double* y) {
   }
 }
 
-void symmetric_update(int n, int k, const double* a, double* c) { symmetric_minus(n, 0, k, a, n, c, n); }
+void symmetric_product(int n, int k, const double* a, double* c) { symmetric_minus<true>(n, 0, k, a, n, c, n); }
 
 int factor_front(int p, int u, double* l, double* up, double* s, int* pivots) {
   const int n = p + u;
@@ -265,8 +317,20 @@ int factor_front(int p, int u, double* l, double* up, double* s, int* pivots) {
       if (column[k] < 0) sign = -sign;
       const double inverse = 1.0 / column[k];
       column[k] = inverse;
-      for (int i = k + 1; i < n; ++i) column[i] *= inverse;
-      for (int j = k + 1; j < k1; ++j) axpy_minus(n - k - 1, l[j * n + k], column + k + 1, l + j * n + k + 1);
+      // Again in whole vectors, from the panel's first row on.
+      for (int i = k0 + (k + 1 - k0) / W * W; i < n; i += W) {
+        const int first = i > k ? 0 : k + 1 - i, last = n - i < W ? n - i : W;
+        const V part = product(load(column + i, first, last), spread(inverse));
+        store(column + i, part, first, last);
+        for (int j = k + 1; j < k1; ++j) {
+          double* y = l + j * n + i;
+          const V factor = spread(l[j * n + k]);
+          if (last == W)
+            store(y, minus_product(load(y), part, factor));
+          else
+            store(y, minus_product(load(y, last), part, factor), last);
+        }
+      }
     }
     for (int k = k0; k < k1; ++k) {
       swap_rows(k0, l, n, k, pivots[k]);
@@ -296,7 +360,15 @@ void forward(int p, int u, const double* l, const int* pivots, double* x, double
       x[pivot] = t;
     }
   }
-  for (int k = 0; k + 1 < p; ++k) axpy_minus(p - k - 1, x[k], l + k * n + k + 1, x + k + 1);
+  double work[kBlock];
+  for (int k0 = 0; k0 < p; k0 += kBlock) {
+    const int k1 = k0 + kBlock < p ? k0 + kBlock : p, m = k1 - k0;
+    const double* block = l + k0 * n + k0;
+    open_block(m, x + k0, work);
+    for (int k = 0; k + 1 < m; ++k) subtract(k + 1, m, work[k], block + k * n, work);
+    for (int k = 0; k < m; ++k) x[k0 + k] = work[k];
+    gemm_minus(p - k1, 1, m, l + k0 * n + k1, n, x + k0, p, x + k1, p);
+  }
   for (int i = 0; i < u; ++i) y[i] = 0.0;
   gemm_minus(u, 1, p, l + p, n, x, p, y, u);
 }
@@ -304,9 +376,16 @@ void forward(int p, int u, const double* l, const int* pivots, double* x, double
 void backward(int p, int u, const double* l, const double* up, double* x, const double* xu) {
   const int n = p + u;
   gemm_minus(p, 1, u, up, p, xu, u, x, p);
-  for (int k = p - 1; k >= 0; --k) {
-    x[k] *= l[k * n + k];
-    axpy_minus(k, x[k], l + k * n, x);
+  double work[kBlock];
+  for (int k1 = p, k0; k1 > 0; k1 = k0) {
+    k0 = (k1 - 1) / kBlock * kBlock;
+    const double* block = l + k0 * n + k0;
+    open_block(k1 - k0, x + k0, work);
+    for (int k = k1 - k0 - 1; k >= 0; --k) {
+      const double xk = x[k0 + k] = work[k] * block[k * n + k];
+      subtract(0, k, xk, block + k * n, work);
+    }
+    columns<1>(k0, k1 - k0, l + (k1 - 1) * n, -n, x + k1 - 1, -1, 0, x, p);  // the last column first
   }
 }
 
@@ -330,9 +409,16 @@ int cholesky_front(int p, int u, double* l, double* s) {
 
 void cholesky_forward(int p, int u, const double* l, double* x, double* y) {
   const int n = p + u;
-  for (int k = 0; k < p; ++k) {
-    x[k] *= l[k * n + k];
-    axpy_minus(p - k - 1, x[k], l + k * n + k + 1, x + k + 1);
+  double work[kBlock];
+  for (int k0 = 0; k0 < p; k0 += kBlock) {
+    const int k1 = k0 + kBlock < p ? k0 + kBlock : p, m = k1 - k0;
+    const double* block = l + k0 * n + k0;
+    open_block(m, x + k0, work);
+    for (int k = 0; k < m; ++k) {
+      const double xk = x[k0 + k] = work[k] * block[k * n + k];
+      subtract(k + 1, m, xk, block + k * n, work);
+    }
+    gemm_minus(p - k1, 1, m, l + k0 * n + k1, n, x + k0, p, x + k1, p);
   }
   for (int i = 0; i < u; ++i) y[i] = 0.0;
   gemm_minus(u, 1, p, l + p, n, x, p, y, u);

@@ -21,8 +21,8 @@ struct DenseKernels {
   void (*cholesky_forward)(int p, int u, const double* l, double* x, double* y);
   /// x_p <- L11^-T (x_p - L21^T x_u).
   void (*cholesky_backward)(int p, int u, const double* l, double* x, const double* xu);
-  /// The lower triangle of C (n x n) -= A A^T, A n x k; of the upper one something may be overwritten.
-  void (*symmetric_update)(int n, int k, const double* a, double* c);
+  /// The lower triangle of C (n x n) = A A^T, A n x k; in the upper one something may be overwritten.
+  void (*symmetric_product)(int n, int k, const double* a, double* c);
   /// y = A x, A of m x n; y must not be x.
   void (*multiply)(int m, int n, const double* a, int lda, const double* x, double* y);
   /// y += A x, A of m x 3.

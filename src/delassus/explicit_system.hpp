@@ -112,8 +112,8 @@ class ExplicitSystem final : public ScaledDelassus {
 };
 
 /// yi += a xj, yj += a^T xi, for a block a of ni x nj.
-inline void add_block_products(int ni, int nj, const double* a, const double* xi, const double* xj, double* yi,
-                               double* yj) {
+inline void add_block_products(int ni, int nj, const double* a, const double* xi, const double* xj,
+                               double* __restrict yi, double* __restrict yj) {
   if (ni == 3 && nj == 3) {
     yi[0] += a[0] * xj[0] + a[3] * xj[1] + a[6] * xj[2];
     yi[1] += a[1] * xj[0] + a[4] * xj[1] + a[7] * xj[2];

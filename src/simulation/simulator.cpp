@@ -304,14 +304,15 @@ void Simulator::warm_start(const std::vector<Assembler::Set>& sets, const ConstV
 void Simulator::Impl::solve_selected() {
   guess.impulse.resize(assembler.problem().size());
   for (const Assembler::Set& set : assembler.sets())
-    if (set.offset >= 0) guess.impulse.segment(set.offset, set.rows) = impulse.segment(set.start, set.rows);
+    for (int r = 0; set.offset >= 0 && r < set.rows; ++r) guess.impulse[set.offset + r] = impulse[set.start + r];
   solve(assembler.problem(), settings.solver, workspace, solution, &guess);
   report.iterations += solution.iterations;
   report.factorizations += solution.factorizations;
   for (const Assembler::Set& set : assembler.sets()) {
-    if (set.offset < 0) continue;
-    impulse.segment(set.start, set.rows) = solution.impulse.segment(set.offset, set.rows);
-    sigma.segment(set.start, set.rows) = solution.velocity.segment(set.offset, set.rows);
+    for (int r = 0; set.offset >= 0 && r < set.rows; ++r) {
+      impulse[set.start + r] = solution.impulse[set.offset + r];
+      sigma[set.start + r] = solution.velocity[set.offset + r];
+    }
   }
 }
 

@@ -54,7 +54,7 @@ void ScaledProblem::regularize(const ContactProblem& problem, double weight) {
 
 double natural_residual(const ScaledProblem& problem, Law law, const ConstVectorRef& l, const ConstVectorRef& t,
                         VectorRef natural) {
-  double error = 0.0, largest = problem.reference;
+  double error = 0.0, largest = problem.reference, cone_error = 0.0, largest_cone = 0.0;  // the latter two squared
   for (const ConstraintSet& set : problem.sets) {
     const Index o = set.offset;
     if (set.type == SetType::FrictionCone) {
@@ -66,9 +66,8 @@ double natural_residual(const ScaledProblem& problem, Law law, const ConstVector
         const double v = natural[o + k] = l[o + k] - shifted[k];
         e += v * v, m += l[o + k] * l[o + k];
       }
-      e = std::sqrt(e), m = std::sqrt(m);
-      if (!(e <= error)) error = std::isnan(error) ? error : e;
-      if (m > largest) largest = m;
+      if (!(e <= cone_error)) cone_error = std::isnan(cone_error) ? cone_error : e;
+      if (m > largest_cone) largest_cone = m;
     } else {
       double p = l[o] - t[o];
       project(set, &p, &p);
@@ -78,6 +77,9 @@ double natural_residual(const ScaledProblem& problem, Law law, const ConstVector
       if (std::abs(l[o]) > largest) largest = std::abs(l[o]);
     }
   }
+  const double e = std::sqrt(cone_error);
+  if (!(e <= error)) error = std::isnan(error) ? error : e;
+  largest = std::max(largest, std::sqrt(largest_cone));
   if (!(largest > 0.0)) return error;
   const double relative = error / largest;
   const double share = problem.reference > 0.0 ? problem.share_weight * error / problem.reference : 0.0;

@@ -138,6 +138,7 @@ class Assembler {
   void correct(const ConstVectorRef& v);
   /// G of the sets of `selection`, whose rows are `sets`, after multiply_articulated().
   void multiply_blocks(const std::vector<int>& selection, const ConstraintSets& sets, BlockDelassus& delassus);
+  void add_free_products(const std::vector<int>& selection, int body, BlockDelassus& delassus);
   void multiply_articulated(const std::vector<int>& selection);
   void soften_redundant(const std::vector<int>& selection);
   void write_problem();
@@ -187,7 +188,13 @@ class Assembler {
   std::vector<std::uint64_t> group_masks_;  // by group: velocities in use
   std::vector<double> packed_, products_;
   std::vector<int> articulated_sets_;  // below: numbers in the selection
-  std::vector<std::vector<int>> sets_of_free_;
+  struct Touch {
+    int set = 0, side = 0;        ///< number in the selection, and which of its free bodies this is
+    int rows = 0;                 ///< of the set
+    std::size_t first_block = 0;  ///< in blocks_of_free_: the blocks with the sets before it on the body
+  };
+  std::vector<std::vector<Touch>> sets_of_free_;
+  std::vector<Index> blocks_of_free_;
   std::vector<int> touched_free_;
   std::vector<int> partners_;
   bool softened_ = false;  // soften_redundant() has been, for these sets
