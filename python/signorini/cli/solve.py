@@ -18,7 +18,13 @@ import signorini
 from signorini.cli._output import finite, report, write_json
 
 Result = dict[str, Any]
-COLUMNS = {"primal": "primal", "dual": "dual", "complementarity": "complem.", "relative": "relative"}
+COLUMNS = {
+    "primal": "primal",
+    "dual": "dual",
+    "complementarity": "complem.",
+    "relative": "relative",
+    "against_free_velocity": "over g",
+}
 
 
 class Solver(str, Enum):
@@ -172,7 +178,7 @@ def _result(problem: signorini.ContactProblem, solution: signorini.Solution) -> 
         "iterations": solution.iterations,
         "factorizations": solution.factorizations,
         "seconds": solution.seconds,
-        "residual": {key: finite(residual[key]) for key in (*COLUMNS, "against_free_velocity")},
+        "residual": {key: finite(residual[key]) for key in COLUMNS},
         "model_residual": finite(solution.model_residual),
         "asymmetry": finite(problem.asymmetry),
     }
