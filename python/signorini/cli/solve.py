@@ -59,7 +59,7 @@ def solve(
     files: Annotated[list[Path], typer.Argument(metavar="FILES...", help="FCLIB files, or folders of them (*.hdf5).")],
     solver: Annotated[Solver, typer.Option(help="The method; auto chooses.")] = Solver.AUTO,
     law: Annotated[Law, typer.Option(help="Signorini and Coulomb (ncp), or its convex relaxation (ccp).")] = Law.NCP,
-    tolerance: Annotated[float, typer.Option(help="On the certificate: the relative residual, in (0, 1), and 1/1000 of the one over g.")] = 1e-6,
+    tolerance: Annotated[float, typer.Option(help="On the certificate, in (0, 1).")] = 1e-6,
     max_iterations: Annotated[int | None, typer.Option(help="At least 1; default: the solver's own.")] = None,
     penalty_rule: Annotated[PenaltyRule, typer.Option(help="How ADMM moves rho.")] = PenaltyRule.RESIDUAL_BALANCING,
     facets: Annotated[int, typer.Option(help="Of lcp-pgs' friction pyramid: even, 4 to 64.")] = 4,
