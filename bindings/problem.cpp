@@ -150,7 +150,6 @@ void bind_problem(nb::module_& m) {
       .def("check_definite", &ContactProblem::check_definite, nb::call_guard<nb::gil_scoped_release>());
 
   auto residual_class = nb::class_<Residual>(m, "Residual");
-  residual_class.attr("largest_share") = Residual::kLargestShare;
   residual_class.def_ro("primal", &Residual::primal)
       .def_ro("dual", &Residual::dual)
       .def_ro("complementarity", &Residual::complementarity)
@@ -158,7 +157,8 @@ void bind_problem(nb::module_& m) {
       .def_ro("against_free_velocity", &Residual::against_free_velocity)
       .def_ro("signorini", &Residual::signorini)
       .def_ro("dissipation", &Residual::dissipation)
-      .def("solves", &Residual::solves, "tolerance"_a);
+      .def("solves", &Residual::solves, "tolerance"_a)
+      .def_static("largest_share", &Residual::largest_share, "tolerance"_a);
   nb::enum_<Law>(m, "Law").value("ncp", Law::Ncp).value("ccp", Law::Ccp);
   m.def(
       "residual",

@@ -86,7 +86,6 @@ def inverse_residual(
 ) -> float: ...
 
 class Residual:
-    largest_share: float
     @property
     def primal(self) -> float: ...
     @property
@@ -102,6 +101,8 @@ class Residual:
     @property
     def dissipation(self) -> float: ...
     def solves(self, tolerance: float) -> bool: ...
+    @staticmethod
+    def largest_share(tolerance: float) -> float: ...
 
 class Law(enum.Enum):
     ncp = 0

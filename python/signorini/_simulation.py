@@ -383,7 +383,8 @@ class Simulator:
         report = self.report
         message = (
             f"contact problem not solved at time {self.state.time:.6g} s ({report.status}): relative residual "
-            f"{report.residual.relative:.1e}, tolerance {self.settings.tolerance:.1e}, {report.num_contacts} contacts"
+            f"{report.residual.relative:.1e}, over the free velocity {report.residual.against_free_velocity:.1e}, "
+            f"tolerance {self.settings.tolerance:.1e}, {report.num_contacts} contacts"
         )
         if self.settings.on_unsolved == "raise":
             raise UnsolvedStepError(message)

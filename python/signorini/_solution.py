@@ -17,8 +17,8 @@ class Residual:
     dual: distance of the corrected velocity from the dual cone [m/s]
     complementarity: |impulse . corrected velocity| [J]
     relative: the number that judges, free of units and scale (docs/theory.md, T12)
-    against_free_velocity: the same residual over what the free velocity asks for; impulses that grow without bound, as
-        in a problem without solution, make `relative` small but not this
+    against_free_velocity: the same residual over what the free velocity asks for, so what is left of what there was to
+        solve; impulses that grow without bound, as in a problem without solution, make `relative` small but not this
     signorini: approach speed [m/s] or pull [N s] left over, friction cones only
     dissipation: defect of maximum dissipation [J], friction cones only
 
@@ -34,8 +34,8 @@ class Residual:
     dissipation: float
 
     def solves(self, tolerance: float) -> bool:
-        """What "solved" means: relative within the tolerance and against_free_velocity within largest_share (0.1)."""
-        return self.relative <= tolerance and self.against_free_velocity <= _core.Residual.largest_share
+        """What "solved" means: relative within the tolerance, against_free_velocity within 1000 tolerances and 0.1."""
+        return self.relative <= tolerance and self.against_free_velocity <= _core.Residual.largest_share(tolerance)
 
     def to_dict(self) -> dict[str, float]:
         return asdict(self)

@@ -122,7 +122,7 @@ class Admm {
     }
     if (!settings_.admm.scaling) {
       if (!std::isfinite(certificate.relative)) return true;
-      keep_best(certificate.relative);
+      keep_best(certificate.excess(settings_.tolerance));
     }
     if (!converged && !certificate.solves(settings_.tolerance)) return false;
     w_.best = w_.y;
@@ -166,7 +166,7 @@ class Admm {
   }
 
   void keep_best(double relative) {
-    if (!(relative < best_relative_)) return;
+    if (!(relative <= best_relative_)) return;
     best_relative_ = relative;
     w_.best = w_.y;
   }

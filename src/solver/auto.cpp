@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "finish.hpp"
 #include "signorini/solver/admm.hpp"
@@ -39,8 +40,7 @@ constexpr int kLarge = 250;  // sets beyond which the interior point only has to
 // Continuation in friction: factors to begin with, by how much the factor grows, factorisations granted.
 constexpr double kFrictionStarts[] = {0.3, 0.1, 0.01};
 constexpr double kFrictionGrowth = 1.1, kMostFrictionGrowth = 1.3, kLeastFrictionGrowth = 1.001;
-constexpr int kFrictionBudget = 300, kFrictionSets = 50;  // the latter of an island that is solved, if not for certain
-constexpr double kCertainShare = 1e3;     // tolerances that a residual over the free velocity may have, to be certain
+constexpr int kFrictionBudget = 300;
 constexpr double kLargestImpulse = 1e10;  // over the free velocity: beyond it rounding alone makes residuals small
 constexpr double kNoSolution = 1e8;       // over the free velocity: a solution larger than this counts as none
 constexpr double kRaySoftness = 1e-9, kRaySlope = 1e-6;
@@ -110,33 +110,6 @@ class Ladder {
   SolverType method = SolverType::Auto;                   ///< that found it; Auto: none was needed
 
   void solve(const GrowVector* guess) {
-    climb(guess);
-    const bool small = problem_.sets.num_sets() <= kFrictionSets;
-    if (!guess && may_repair_ && proximal_ && max_factorizations_ >= kBudget && (small || !done()) && !certain())
-      friction_continuation();
-  }
-
-  /// Whether the best iterate points along a ray that rules out every solution of reasonable size (T49).
-  bool infeasible() {
-    GrowVector ray = w_.best, velocity;
-    velocity.resize(ray.size());
-    keep_ray(ray);
-    // What is left of it where G + R is next to nothing.
-    const BlockDiagonal soft(static_cast<std::size_t>(problem_.sets.num_sets()),
-                             Eigen::Matrix3d(kRaySoftness * Eigen::Matrix3d::Identity()));
-    ++factorizations;
-    if (!problem_.system->factor(soft)) return false;
-    problem_.system->solve(ray);
-    ray *= kRaySoftness;
-    keep_ray(ray);
-    problem_.system->apply(ray, velocity);
-    const double slope = -problem_.b.dot(ray);
-    return slope > kRaySlope * problem_.b.norm() * ray.norm() &&
-           slope >= kNoSolution * problem_.reference * velocity.norm();  // false for NaN
-  }
-
- private:
-  void climb(const GrowVector* guess) {
     proximal_ = law_ == Law::Ncp && problem_.system->reduces();
     active_newton_ = guess && proximal_;
     const bool sweeps_first = proximal_ && problem_.system->has_columns() && (!guess || aim_ >= kLoose);
@@ -162,11 +135,35 @@ class Ladder {
       if (large() && repair()) return;
       if (newton(w_.interior_point.impulse(), kLastFinish)) return;
     }
+    if (!guess && may_repair_ && proximal_ && max_factorizations_ >= kBudget && !out_of_budget() &&
+        friction_continuation())
+      return;
     if (!out_of_budget() && continuation()) return;
     if (may_repair_ && num_sets > kPatch && !out_of_budget() && repair()) return;
     if (may_repair_ && max_factorizations_ >= kBudget) first_order();
   }
 
+  /// Whether the iterate of the least relative residual alone, however large, points along a ray that rules out every
+  /// solution of reasonable size (T49).
+  bool infeasible() {
+    GrowVector ray = w_.ray, velocity;
+    velocity.resize(ray.size());
+    keep_ray(ray);
+    // What is left of it where G + R is next to nothing.
+    const BlockDiagonal soft(static_cast<std::size_t>(problem_.sets.num_sets()),
+                             Eigen::Matrix3d(kRaySoftness * Eigen::Matrix3d::Identity()));
+    ++factorizations;
+    if (!problem_.system->factor(soft)) return false;
+    problem_.system->solve(ray);
+    ray *= kRaySoftness;
+    keep_ray(ray);
+    problem_.system->apply(ray, velocity);
+    const double slope = -problem_.b.dot(ray);
+    return slope > kRaySlope * problem_.b.norm() * ray.norm() &&
+           slope >= kNoSolution * problem_.reference * velocity.norm();  // false for NaN
+  }
+
+ private:
   /// Projects on the directions d with d . s >= 0 for all s that the law allows.
   void keep_ray(GrowVector& ray) const {
     for (const ConstraintSet& set : problem_.sets) {
@@ -191,18 +188,6 @@ class Ladder {
   }
 
   bool done() const { return best <= tolerance_; }
-  /// Whether the best iterate's residual is small against the free velocity too, and not only against its own size, as
-  /// that of an impulse on its way to infinity is.
-  bool certain() {
-    const double share_weight = problem_.share_weight;
-    problem_.share_weight = strict_weight();
-    problem_.system->apply(w_.best, w_.newton.t);
-    w_.newton.t += problem_.b;
-    const double relative = natural_residual(problem_, law_, w_.best, w_.newton.t, w_.newton.natural);
-    problem_.share_weight = share_weight;
-    return relative <= tolerance_;
-  }
-  double strict_weight() const { return std::max(problem_.share_weight, 1.0 / kCertainShare); }
   /// Good enough for the whole problem, whose certificate has a larger scale than the island's.
   bool acceptable() const {
     const double scale = std::max(problem_.reference, std::sqrt(3.0) * w_.best.lpNorm<Eigen::Infinity>());
@@ -233,8 +218,11 @@ class Ladder {
   }
 
   void offer(const ConstVectorRef& l, double relative, SolverType by) {
+    const double size = l.lpNorm<Eigen::Infinity>();
+    const double alone = relative * std::min(1.0, problem_.reference / (problem_.share_weight * size));
+    if (alone < straightest_) straightest_ = alone, w_.ray = l;
     if (!(relative < best)) return;
-    if (best <= 1.0 && l.lpNorm<Eigen::Infinity>() > kLargestImpulse * problem_.reference) return;
+    if (best <= 1.0 && size > kLargestImpulse * problem_.reference) return;
     best = relative;
     method = by;
     w_.best = l;
@@ -266,9 +254,8 @@ class Ladder {
     const double best_before = best;
     const GrowVector before = w_.best;
     const SolverType method_before = method;
+    const double straightest = std::exchange(straightest_, 0.0);  // other problems' rays are no proof
     const ConstraintSets sets = problem_.sets;
-    const double share_weight = problem_.share_weight;
-    problem_.share_weight = strict_weight();
     const auto scale_friction = [&](double factor) {
       for (Index i = 0; i < sets.num_sets(); ++i)
         if (sets[i].type == SetType::FrictionCone) problem_.sets.set_friction(i, factor * sets[i].friction);
@@ -296,7 +283,7 @@ class Ladder {
       }
     }
     problem_.sets = sets;
-    problem_.share_weight = share_weight;
+    straightest_ = straightest;
     if (reached == 1.0) return true;
     best = best_before;
     w_.best = before;
@@ -309,6 +296,7 @@ class Ladder {
     const double best_before = best;
     const GrowVector before = w_.best;
     const SolverType method_before = method;
+    const double straightest = std::exchange(straightest_, 0.0);  // other problems' rays are no proof
     GrowVector l = Vector::Zero(problem_.size());
     double weight = 1.0, factor = 0.1, reached = 0.0;
     while (weight > 1e-9 && factor < 0.9 && !out_of_budget()) {
@@ -327,6 +315,7 @@ class Ladder {
       weight = reached * factor;
     }
     problem_.regularize(part(), 0.0);
+    straightest_ = straightest;
     best = best_before;
     w_.best = before;
     method = method_before;
@@ -532,6 +521,7 @@ class Ladder {
   ContactProblem part_;
   Law law_;
   double tolerance_, aim_, global_reference_, patch_work_ = 0.0;
+  double straightest_ = std::numeric_limits<double>::infinity();  // what w_.ray leaves against its own size
   bool active_newton_ = false, proximal_ = false, tried_proximal_ = false;
   int max_factorizations_;
   bool may_repair_;  // false inside a patch
@@ -598,7 +588,7 @@ void solve_islands(const ContactProblem& problem, const Settings& settings, Auto
   for (int k = 0; k < num_islands; ++k) {
     const int *members = w.members.data() + w.first[k], count = w.first[k + 1] - w.first[k];
     if (guess && num_islands > 1) {
-      const double share_weight = aim / (0.5 * Residual::kLargestShare);
+      const double share_weight = aim / Residual::largest_share(aim);
       if (island_residual(problem, members, count, settings.law, share_weight, solution.impulse, solution.velocity) <=
           aim)
         continue;

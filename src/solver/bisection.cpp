@@ -132,7 +132,8 @@ void solve_bisection(const ContactProblem& problem, const Settings& settings, Bi
     return std::sqrt(problem.scale()[set.offset]) * std::hypot(std::hypot(x[0] - now[0], x[1] - now[1]), x[2] - now[2]);
   };
   solve_model(
-      problem, settings, w.rows, sweep, [&] { return model_relative(problem, w.rows, contact_error); }, solution);
+      problem, settings, w.rows, sweep,
+      [&] { return model_relative(problem, settings.tolerance, w.rows, contact_error); }, solution);
 }
 
 }  // namespace signorini

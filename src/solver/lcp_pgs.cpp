@@ -129,7 +129,7 @@ void solve_lcp_pgs(const ContactProblem& problem, const Settings& settings, LcpP
   };
   solve_model(
       problem, settings, w.rows, PyramidSweep(problem, settings, polygon, w),
-      [&] { return model_relative(problem, w.rows, contact_error); }, solution);
+      [&] { return model_relative(problem, settings.tolerance, w.rows, contact_error); }, solution);
 }
 
 }  // namespace signorini

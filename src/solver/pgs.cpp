@@ -72,7 +72,7 @@ void solve_pgs(const ContactProblem& problem, const Settings& settings, PgsWorks
   sweep_and_finish(
       problem, settings, w.rows, Sweep(problem, settings, w),
       [&](const Residual& certificate) {
-        return Judgement{certificate.relative, certificate.solves(settings.tolerance)};
+        return Judgement{certificate.excess(settings.tolerance), certificate.solves(settings.tolerance)};
       },
       solution);
 }

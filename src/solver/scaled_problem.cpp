@@ -6,7 +6,7 @@
 namespace signorini {
 
 void ScaledProblem::take(const ContactProblem& problem, const std::vector<int>* part, double tolerance, bool scaled) {
-  share_weight = tolerance / (0.5 * Residual::kLargestShare);
+  share_weight = tolerance / Residual::largest_share(tolerance);
   const Index count = part ? static_cast<Index>(part->size()) : problem.num_sets();
   sets.clear();
   for (Index i = 0; i < count; ++i) sets.add(problem.sets()[part ? (*part)[i] : i]);

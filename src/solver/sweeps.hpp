@@ -37,7 +37,7 @@ double sweep_and_finish(const ContactProblem& problem, const Settings& settings,
   const auto check = [&] {
     const Residual certificate = residual(problem, rows.impulse, settings.law, rows.sigma);
     const Judgement now = judge(certificate);
-    if (now.done || now.relative < best_relative) {
+    if (now.done || now.relative <= best_relative) {
       best_relative = now.relative;
       rows.best = rows.impulse;
     }
@@ -45,7 +45,7 @@ double sweep_and_finish(const ContactProblem& problem, const Settings& settings,
       solution.history.push_back({solution.iterations, 0, 0.0, certificate});
     }
     done = now.done;
-    return done || !std::isfinite(now.relative);
+    return done || !std::isfinite(certificate.relative);
   };
 
   {
@@ -64,20 +64,24 @@ double sweep_and_finish(const ContactProblem& problem, const Settings& settings,
   return best_relative;
 }
 
-/// Relative residual of a model that differs from the law at the contacts: max |e| / max(max |l|, max |g| / sqrt(d))
-/// as in the certificate, with contact_error(i, set) = |e| of contact i in units of l, and the certificate's own e for
-/// the other sets. rows.sigma has to be fresh.
+/// Relative residual of a model that differs from the law at the contacts, as natural_residual has it: max |e| over
+/// max(max |l|, max |g| / sqrt(d)), or so weighted over max |g| / sqrt(d) that it is within the tolerance where both
+/// tests of the certificate hold. contact_error(i, set): |e| of contact i in units of l; for the other sets e is the
+/// certificate's own. rows.sigma has to be fresh.
 template <typename ContactError>
-double model_relative(const ContactProblem& problem, const GaussSeidel& rows, ContactError&& contact_error) {
-  double error = 0.0, largest = problem.reference();
+double model_relative(const ContactProblem& problem, double tolerance, const GaussSeidel& rows,
+                      ContactError&& contact_error) {
+  double error = 0.0, largest = 0.0, free = problem.reference();
   for (Index i = 0; i < problem.num_sets(); ++i) {
     const ConstraintSet& set = problem.sets()[i];
     const RelativePart part = relative_part(problem, i, rows.impulse, rows.sigma, Law::Ncp);
     const double e = set.type == SetType::FrictionCone ? contact_error(i, set) : part.error;
     if (!(e <= error)) error = std::isnan(error) ? error : e;  // keeps a NaN
-    largest = std::max({largest, part.size, part.free});
+    largest = std::max(largest, part.size), free = std::max(free, part.free);
   }
-  return largest > 0.0 ? error / largest : error;
+  largest = std::max(largest, free);
+  const double share = free > 0.0 ? tolerance / Residual::largest_share(tolerance) * error / free : 0.0;
+  return largest > 0.0 ? std::max(error / largest, share) : error;
 }
 
 /// Finishes a solver of a model of its own: judge by its residual, and keep that beside the certificate.

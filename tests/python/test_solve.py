@@ -261,12 +261,66 @@ def test_what_has_no_solution_is_never_solved(solver, law, problem):
             s = signorini.solve(problem, solver, law, tolerance, guess=guess)
             assert not s.solved
             assert not s.residual.solves(tolerance)
-            assert s.residual.against_free_velocity > _core.Residual.largest_share
+            assert s.residual.against_free_velocity > _core.Residual.largest_share(tolerance)
             assert np.isfinite(s.impulse).all()
     r = signorini.residual(problem, huge, law)
     assert r.relative <= 1e-11  # which alone would call it solved
     assert not r.solves(1e-6)
     assert r.against_free_velocity >= 0.5
+
+
+def share(problem, impulse):
+    """What is left over what there was to solve, in plain NumPy: relative_residual over f instead of max(|l|, f)."""
+    g = np.asarray(problem.free_velocity)
+    a = problem.delassus.toarray()
+    root = np.repeat(np.sqrt(np.diag(a).reshape(-1, 3).mean(axis=1)), 3)
+    largest = np.linalg.norm((root * impulse).reshape(-1, 3), axis=1).max()
+    free = np.linalg.norm((g / root).reshape(-1, 3), axis=1).max()
+    return relative_residual(a, g, np.asarray(problem.friction), impulse) * max(largest, free) / free
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_no_answer_is_solved_that_leaves_more_of_the_free_velocity(solver):
+    # 10 t on top: impulses of 1e4 times the free velocity, so that relative alone asks for next to nothing.
+    problem = signorini.scenes.cube_stack(num_cubes=8, mass_ratio=1e5)
+    for tolerance in (1e-2, 1e-4, 1e-6, 1e-8):
+        s = signorini.solve(problem, solver, tolerance=tolerance, max_iterations=None if solver == "auto" else 300)
+        left = share(problem, s.impulse)
+        assert s.residual.against_free_velocity == pytest.approx(left, rel=1e-3, abs=1e-11)
+        allowed = min(0.1, 1e3 * tolerance)
+        assert not s.solved or left <= allowed
+        assert s.solved == (s.residual.relative <= tolerance and s.residual.against_free_velocity <= allowed)
+        if solver in ("auto", "interior-point"):
+            assert s.solved
+
+
+def rod_between_walls(friction, angle=0.3, closing=1.0, beside=0.0):
+    """A rod of 1 kg and length 2 between two walls that close in, inclined by an angle to their common normal.
+
+    It has to turn, towards being parallel to the walls, with both ends sliding. Friction pushes against that from an
+    inclination below its own angle on: then there is no solution. The normals alone are no proof: they form a couple.
+    beside: speed at which a body of 1 kg arrives at the ground, in the same problem.
+    """
+    rows = []
+    for side in (-1.0, 1.0):
+        arm = side * np.array([np.cos(angle), np.sin(angle), 0.0])
+        directions = np.array([[0.0, 1, 0], [0, 0, 1], [-side, 0, 0]])
+        rows += [np.append(d, np.cross(arm, d)) for d in directions]
+    j = np.array(rows)
+    delassus = np.eye(9)
+    delassus[:6, :6] = j @ np.diag([1.0, 1, 1, 3, 3, 3]) @ j.T
+    return ContactProblem(delassus, [0.0, 0, -closing, 0, 0, -closing, 0, 0, -beside], [friction, friction, 0.5])
+
+
+@pytest.mark.parametrize("friction", [0.2, 0.3, 0.32, 1.0, 3.0])
+def test_a_rod_that_jams_has_no_solution_and_is_never_solved(friction):
+    for tolerance in (1e-2, 1e-4, 1e-6, 1e-8):
+        s = signorini.solve(rod_between_walls(friction), tolerance=tolerance)
+        assert s.solved == (friction < np.tan(0.3))
+        # Slowly, beside something fast, where what is left is little of the largest free velocity.
+        s = signorini.solve(rod_between_walls(friction, closing=0.02, beside=1.0), tolerance=tolerance)
+        if tolerance <= 1e-6:
+            assert s.solved == (friction < np.tan(0.3))
 
 
 def test_residual_solves_as_the_core_does():

@@ -55,7 +55,7 @@ struct BisectionSettings {
 struct Settings {
   SolverType solver = SolverType::Auto;
   Law law = Law::Ncp;
-  double tolerance = 1e-6;  ///< on Residual::relative, in (0, 1)
+  double tolerance = 1e-6;  ///< on the certificate, Residual::solves(), in (0, 1)
   /// What `auto` aims at from a guess, in (0, tolerance]: it goes on below the tolerance while that is cheap, which a
   /// stepping loop wants for its lightest bodies. A guess must be that good to be left alone. 0: 1e-4 tolerance.
   double aim = 0.0;

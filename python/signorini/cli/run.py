@@ -97,7 +97,7 @@ def run(
     option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="Of a scene; again for more.")] = None,
     law: Annotated[Law, typer.Option(help="Signorini and Coulomb (ncp), or its convex relaxation (ccp).")] = Law.NCP,
     solver: Annotated[Solver, typer.Option(help="The method; auto chooses.")] = Solver.AUTO,
-    tolerance: Annotated[float, typer.Option(help="On the relative residual of each step, in (0, 1).")] = 1e-6,
+    tolerance: Annotated[float, typer.Option(help="On the certificate of each step, in (0, 1).")] = 1e-6,
     record: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep states and certificates (HDF5).")] = None,
     contacts_every: Annotated[
         int | None, typer.Option(metavar="STEPS", help="--record: between two samples of contacts; default: 10 ms.")

@@ -90,7 +90,7 @@ def solves(run: dict[str, Any], tolerance: float) -> bool:
     relative, share = run["relative"], run["against_free_velocity"]
     if relative is None or share is None:
         return False
-    return bool(relative <= tolerance and share <= _core.Residual.largest_share)
+    return bool(relative <= tolerance and share <= _core.Residual.largest_share(tolerance))
 
 
 def solves_absolutely(run: dict[str, Any], tolerance: float) -> bool:

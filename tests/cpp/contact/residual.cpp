@@ -130,6 +130,27 @@ BOOST_AUTO_TEST_CASE(impulses_that_grow_without_bound_solve_nothing) {
   }
 }
 
+BOOST_AUTO_TEST_CASE(what_is_left_of_the_free_velocity_is_at_most_1000_tolerances_and_a_tenth) {
+  // Two walls that give way or not: the impulse between them is large, whatever the second one still closes with.
+  Matrix g(2, 2);
+  g << 1.0, -1.0, -1.0, 1.0;
+  ConstraintSets sets;
+  sets.add_half_line();
+  sets.add_half_line();
+  Residual r;
+  for (const double left : {0.2, 0.09, 1e-3, 1e-6}) {
+    const ContactProblem problem(dense(g), Eigen::Vector2d(-1.0, 1.0 - left), sets);
+    r = residual(problem, Eigen::Vector2d(1e9 + 1.0, 1e9));  // velocities 0 and -left
+    BOOST_TEST(std::abs(r.against_free_velocity - left) <= 1e-9);
+    BOOST_TEST(r.relative <= 1e-9);
+    for (const double tolerance : {1e-1, 1e-3, 1e-5, 1e-7, 1e-9}) {
+      const double allowed = std::min(0.1, 1000.0 * tolerance);
+      if (std::abs(left - allowed) > 1e-3 * allowed) BOOST_TEST(r.solves(tolerance) == (left < allowed));
+      BOOST_TEST(r.solves(tolerance) == (r.excess(tolerance) <= 1.0));
+    }
+  }
+}
+
 BOOST_AUTO_TEST_CASE(an_impulse_that_nothing_asked_for_solves_nothing) {
   const ContactProblem problem = point_on_ground(1.0, 0.5, vector3(0.0, 0.0, 0.0));
   BOOST_TEST(residual(problem, Vector::Zero(3)).against_free_velocity == 0.0);
