@@ -166,6 +166,7 @@ inline void product_rows(int n, const double* a, int lda, const double* x, doubl
 }
 
 constexpr int kPanel = 8;
+constexpr int kColumns = 4;  // that a triangular solve takes at once
 
 inline void swap_rows(int n, double* a, int lda, int r, int q) {
   if (r == q) return;
@@ -296,7 +297,13 @@ void forward(int p, int u, const double* l, const int* pivots, double* x, double
       x[pivot] = t;
     }
   }
-  for (int k = 0; k + 1 < p; ++k) axpy_minus(p - k - 1, x[k], l + k * n + k + 1, x + k + 1);
+  int k = 0;
+  for (; k + kColumns <= p; k += kColumns) {
+    for (int j = 0; j + 1 < kColumns; ++j)
+      for (int i = j + 1; i < kColumns; ++i) x[k + i] -= l[(k + j) * n + k + i] * x[k + j];
+    columns<1>(p - k - kColumns, kColumns, l + k * n + k + kColumns, n, x + k, 1, 0, x + k + kColumns, n);
+  }
+  for (; k + 1 < p; ++k) axpy_minus(p - k - 1, x[k], l + k * n + k + 1, x + k + 1);
   for (int i = 0; i < u; ++i) y[i] = 0.0;
   gemm_minus(u, 1, p, l + p, n, x, p, y, u);
 }
@@ -304,7 +311,16 @@ void forward(int p, int u, const double* l, const int* pivots, double* x, double
 void backward(int p, int u, const double* l, const double* up, double* x, const double* xu) {
   const int n = p + u;
   gemm_minus(p, 1, u, up, p, xu, u, x, p);
-  for (int k = p - 1; k >= 0; --k) {
+  int k = p;
+  for (; k >= kColumns; k -= kColumns) {
+    const int k0 = k - kColumns;
+    for (int j = k - 1; j >= k0; --j) {
+      x[j] *= l[j * n + j];
+      for (int i = k0; i < j; ++i) x[i] -= l[j * n + i] * x[j];
+    }
+    columns<1>(k0, kColumns, l + k0 * n, n, x + k0, 1, 0, x, n);
+  }
+  while (--k >= 0) {
     x[k] *= l[k * n + k];
     axpy_minus(k, x[k], l + k * n, x);
   }
@@ -330,7 +346,15 @@ int cholesky_front(int p, int u, double* l, double* s) {
 
 void cholesky_forward(int p, int u, const double* l, double* x, double* y) {
   const int n = p + u;
-  for (int k = 0; k < p; ++k) {
+  int k = 0;
+  for (; k + kColumns <= p; k += kColumns) {
+    for (int j = 0; j < kColumns; ++j) {
+      x[k + j] *= l[(k + j) * n + k + j];
+      for (int i = j + 1; i < kColumns; ++i) x[k + i] -= l[(k + j) * n + k + i] * x[k + j];
+    }
+    columns<1>(p - k - kColumns, kColumns, l + k * n + k + kColumns, n, x + k, 1, 0, x + k + kColumns, n);
+  }
+  for (; k < p; ++k) {
     x[k] *= l[k * n + k];
     axpy_minus(p - k - 1, x[k], l + k * n + k + 1, x + k + 1);
   }
