@@ -18,7 +18,8 @@ TOLERANCE = 1e-6
 MAX_ITERATIONS = 20000
 FACTOR, SHARE = 1.5, 0.95  # ours within this of the best, on so many of the problems
 OURS = "auto"
-METHODS = (OURS, "admm", "interior-point", "newton", "pgs")  # of this library; with "admm (paper)" and the peers, all that run
+# Of this library; with "admm (paper)" and the peers, all that run.
+METHODS = (OURS, "admm", "interior-point", "newton", "pgs")
 
 
 def run(options: Options) -> Report:
@@ -138,7 +139,7 @@ def _report(
                 met=solvers["auto"]["share_solved"] >= best,
             )
         )
-        single = {n: solvers[n]["milliseconds"].get("median", np.inf) for n in ("admm", "interior-point", "newton", "pgs")}
+        single = {n: solvers[n]["milliseconds"].get("median", np.inf) for n in METHODS[1:]}
         usable = {n: t for n, t in single.items() if solvers[n]["share_solved"] >= 0.5}
         if usable:
             fastest_name = min(usable, key=lambda n: usable[n])
