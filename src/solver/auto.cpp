@@ -18,15 +18,19 @@ constexpr double kAim = 1e-4;  // of the tolerance: what Newton aims at from a g
 // nothing slips, since Newton is good there, and in islands of more than kPatch sets, where something stalls.
 constexpr int kFirstSweeps = 3, kMoreSweeps = 30, kFewSweeps = 10, kMostSweeps = 100;
 constexpr double kLoose = 1e-6;  // what is aimed at from a guess from which on sweeps come before Newton
-// Certificate after sweeps below which proximal Newton goes on, aiming at kLoose or not; and, over that after one
-// sweep, above which they lead nowhere when aiming at kLoose; else above 1.
-constexpr double kNear = 2e-2, kNearer = 1e-2, kStuck = 1.5;
+// Proximal Newton goes on from sweeps where their certificate, times the number of sets, is below kNear, or kNearer if
+// less than kLoose is aimed at; and no more than after one sweep, or kStuck of that.
+constexpr double kNear = 0.3, kNearer = 0.1, kStuck = 1.5;
 constexpr int kSweptNewton = 3, kSweptProximal = 16, kSweptPatience = 6, kSweepsBetween = 20;
-constexpr ActiveSearch kSweptSearch{1e-5, 0.3, true};
-constexpr int kWarmNewton = 5;  // iterations granted to Newton from a guess
+constexpr ActiveSearch kSweptSearch{1e-5, 0.3, true}, kStickSearch{1e-3, 0.3, false}, kFinishSearch{0.1, 0.3, false};
+constexpr double kAlmostSticks = 0.3;  // certificate of Newton from where all sticks, to go on from there
+constexpr int kWarmNewton = 5;         // iterations granted to Newton from a guess
 constexpr int kWarmPatience = 8, kWarmSteps = 15;
-constexpr double kFirstFinish = 1e-6;    // certificate at which Newton first tries to finish
+constexpr double kFirstFinish = 1e-6;  // certificate at which Newton first tries to finish
+// The same on the active rows, over the number of sets, and at most.
+constexpr double kFirstReduced = 3e-3, kLargestReduced = 1e-3;
 constexpr double kQuick = 0.6;           // what a step leaves of the certificate below which the interior point goes on
+constexpr int kSlowSteps = 4;            // that leave more, in a row, after which proximal Newton tries
 constexpr double kFirstProximal = 1e-4;  // certificate at which proximal Newton tries, once a start
 constexpr double kWeight = 3e-4, kWeightShare = 30.0, kHighWeight = 0.3;  // its first weight; late: of the certificate
 // Factorisations granted to it, and how many of them without halving the certificate; for a large island.
@@ -50,9 +54,11 @@ constexpr double kPatchTolerance = 1e-9;
 constexpr int kFirstOrder = 5000;  // iterations of ADMM, at the very end
 constexpr int kBudget = 2000;      // factorisations, if settings.max_iterations does not say otherwise
 
-/// Starts of the interior point, tried in turn: start scale, least centring, theta.
-constexpr InteriorPoint::Options kAttempts[] = {{30.0, 0.03, 1.0}, {1.0, 0.03, 0.95}, {1000.0, 0.03, 1.0},
-                                                {0.01, 0.03, 1.0}, {10.0, 0.1, 1.0},  {100.0, 0.03, 0.9}};
+/// Starts of the interior point, tried in turn: start scale, least centring, theta. The first goes on from near, if
+/// that is there.
+constexpr InteriorPoint::Options kAttempts[] = {{30.0, 0.03, 1.0},   {30.0, 0.03, 1.0}, {1.0, 0.03, 0.95},
+                                                {1000.0, 0.03, 1.0}, {0.01, 0.03, 1.0}, {10.0, 0.1, 1.0},
+                                                {100.0, 0.03, 0.9}};
 
 /// For each set, the others that it acts on directly.
 std::vector<std::vector<int>> contact_graph(const ContactProblem& problem) {
@@ -124,8 +130,11 @@ class Ladder {
       if (found) return;
     }
     const Index num_sets = problem_.sets.num_sets();
+    const int steps = num_sets > kLarge ? kLate : kSteps;
     for (const InteriorPoint::Options& options : kAttempts) {
-      if (interior_point(nullptr, options, kPatience, num_sets > kLarge ? kLate : kSteps)) return;
+      const bool near = &options == kAttempts;
+      if (near && !has_near_) continue;
+      if (interior_point(near ? &w_.near : nullptr, options, kPatience, steps)) return;
       if (acceptable()) return;
       if (out_of_budget()) break;
       if (proximal_ && !tried_proximal_) {
@@ -337,11 +346,7 @@ class Ladder {
     std::vector<double> error(order.size());
     for (int round = 0; round < kRepairRounds && !out_of_budget(); ++round) {
       w_.newton.l = l;
-      const NewtonResult result = newton_iterations(problem_, law_, tolerance_, kWarmNewton, w_.newton, observer());
-      iterations += result.iterations;
-      factorizations += result.factorizations;
-      offer(w_.newton.best, result.relative, SolverType::Newton);
-      if (done()) return true;
+      if (take(newton_iterations(problem_, law_, tolerance_, kWarmNewton, w_.newton, observer()))) return true;
       l = w_.newton.best;
       for (int sweep = 0; sweep < 2; ++sweep) {
         problem_.system->apply(l, t);
@@ -410,7 +415,8 @@ class Ladder {
   bool sweep(const GrowVector* guess) {
     BlockSweeps& sweeps = w_.sweeps;
     const double target = guess ? aim_ : tolerance_;
-    const bool many = problem_.sets.num_sets() > kPatch;
+    const auto num_sets = static_cast<double>(problem_.sets.num_sets());
+    const bool many = num_sets > kPatch;
     sweeps.start(problem_, guess);
     double relative = sweeps.relative(problem_), first = relative;  // first: after one sweep
     double last[kFirstSweeps], soon = 0.0;                          // before the last ones; what more would leave
@@ -428,11 +434,12 @@ class Ladder {
     offer(sweeps.impulse(), relative, SolverType::Pgs);
     if (relative <= target || !std::isfinite(relative)) return done();
 
+    has_near_ = relative <= first;
+    w_.near = sweeps.impulse();
     const bool loose = target >= kLoose;
-    const bool far = relative > (guess || loose ? kNear : kNearer);
-    if (!guess && (relative > (loose ? kStuck : 1.0) * first || (far && sweeps.slips()))) return false;
+    const bool close = relative * num_sets <= (loose ? kNear : kNearer) && relative <= (loose ? kStuck : 1.0) * first;
+    if (!guess && !close) return sweeps.mostly_sticks() && newton_from_stick(target);
     if (!sweeps.slips() && !many && newton_from_sweeps(target)) return true;
-    if (!guess && far) return false;
     const int rounds = loose ? 2 : 1;
     for (int round = 0; round < rounds && !out_of_budget(); ++round) {
       for (int k = 0; round > 0 && k < kSweepsBetween; ++k, ++iterations) sweeps.sweep(problem_);
@@ -441,15 +448,30 @@ class Ladder {
     return false;
   }
 
+  /// Counts what an attempt of Newton cost, and offers its best iterate; whether that does.
+  bool take(const NewtonResult& result) {
+    iterations += result.iterations;
+    factorizations += result.factorizations;
+    offer(w_.newton.best, result.relative, SolverType::Newton);
+    return done();
+  }
+
+  /// From where every contact sticks, given up soon where many do not.
+  bool newton_from_stick(double target) {
+    ++iterations, ++factorizations;
+    if (!stick_everywhere(problem_, w_.newton)) return false;
+    const NewtonResult result = active_newton_iterations(problem_, tolerance_, target, kSweptNewton, w_.newton,
+                                                         observer(), 0.0, nullptr, kStickSearch);
+    if (result.relative < kAlmostSticks) has_near_ = true, w_.near = w_.newton.best;
+    return take(result);
+  }
+
   /// Hardly damped: where nothing slips the equations are linear, but for contacts that open or begin to slip.
   bool newton_from_sweeps(double target) {
     w_.newton.l = w_.sweeps.impulse(), w_.newton.t = w_.sweeps.velocity();
     const NewtonResult result = active_newton_iterations(problem_, tolerance_, target, kSweptNewton, w_.newton,
                                                          observer(), 0.0, nullptr, kSweptSearch);
-    iterations += result.iterations;
-    factorizations += result.factorizations;
-    offer(w_.newton.best, result.relative, SolverType::Newton);
-    return done();
+    return take(result);
   }
 
   bool proximal_newton(const GrowVector& from, int max_factorizations, double weight = kWeight) {
@@ -459,10 +481,7 @@ class Ladder {
     w_.newton.l = from;
     const NewtonResult result =
         proximal_newton_iterations(problem_, tolerance_, weight, max_factorizations, patience, w_.newton, observer());
-    iterations += result.iterations;
-    factorizations += result.factorizations;
-    offer(w_.newton.best, result.relative, SolverType::Newton);
-    return done();
+    return take(result);
   }
 
   bool newton(const ConstVectorRef& from, int max_iterations) {
@@ -470,35 +489,46 @@ class Ladder {
     const NewtonResult result =
         active_newton_ ? active_newton_iterations(problem_, tolerance_, aim_, max_iterations, w_.newton, observer())
                        : newton_iterations(problem_, law_, tolerance_, max_iterations, w_.newton, observer());
-    iterations += result.iterations;
-    factorizations += result.factorizations;
-    offer(w_.newton.best, result.relative, SolverType::Newton);
-    return done();
+    return take(result);
   }
 
-  /// Interior point, with Newton trying to finish at kFirstFinish and again each time the certificate has fallen
-  /// tenfold. Gives up when the certificate has not halved in `patience` steps.
+  /// More damped than from a guess, and given up as soon as it does not gain.
+  bool finish_reduced(const GrowVector& from) {
+    w_.newton.l = from;
+    const NewtonResult result = active_newton_iterations(problem_, tolerance_, tolerance_, kFinish, w_.newton,
+                                                         observer(), 0.0, nullptr, kFinishSearch);
+    return take(result);
+  }
+
+  /// Interior point, with Newton trying to finish, first on the active rows, then on all from kFirstFinish on, and
+  /// again each time the certificate has fallen tenfold. Gives up when the certificate has not halved in `patience`
+  /// steps.
   bool interior_point(const GrowVector* guess, const InteriorPoint::Options& options, int patience, int max_steps) {
     InteriorPoint& interior = w_.interior_point;
     interior.options = options;
     interior.start(problem_, law_, guess);
     tried_proximal_ = false;
     double last = 0.0, next = kFirstFinish, milestone = std::numeric_limits<double>::infinity();
-    int since = 0;
+    double reduced = std::min(kFirstReduced / static_cast<double>(problem_.sets.num_sets()), kLargestReduced);
+    int since = 0, slow = 0;
     while (true) {
       const double relative = interior.relative();
       offer(interior.impulse(), relative, SolverType::InteriorPoint);
       if (done()) return true;
       if (relative <= 0.5 * milestone) milestone = relative, since = 0;
       if (++since > patience || interior.iterations() >= max_steps || out_of_budget()) return false;
-      const bool late = interior.held_back() || interior.iterations() > kLate;
-      if (proximal_ && relative <= kFirstProximal && relative > kQuick * last && !tried_proximal_) {
+      slow = relative > kQuick * last ? slow + 1 : 0;
+      if (proximal_ && relative <= kFirstProximal && slow >= kSlowSteps && !tried_proximal_) {
         tried_proximal_ = true;
         if (proximal_newton(interior.impulse(), proximal_budget())) return true;
       }
+      const bool late = interior.held_back() || interior.iterations() > kLate;
       if (relative <= next * (late ? kLateFactor : 1.0)) {
         next = late ? 0.3 * relative / kLateFactor : 0.1 * relative;
         if (newton(interior.impulse(), late ? kLateFinish : kFinish)) return true;
+      } else if (proximal_ && !late && relative <= reduced) {
+        reduced = 0.1 * relative;
+        if (finish_reduced(interior.impulse())) return true;
       }
       last = relative;
       const int known = interior.factorizations();
@@ -522,6 +552,7 @@ class Ladder {
   Law law_;
   double tolerance_, aim_, global_reference_, patch_work_ = 0.0;
   double straightest_ = std::numeric_limits<double>::infinity();  // what w_.ray leaves against its own size
+  bool has_near_ = false;  // whether w_.near is a start of the interior point
   bool active_newton_ = false, proximal_ = false, tried_proximal_ = false;
   int max_factorizations_;
   bool may_repair_;  // false inside a patch

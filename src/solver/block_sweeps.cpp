@@ -46,7 +46,7 @@ double BlockSweeps::relative(const ScaledProblem& problem) {
 
 void BlockSweeps::sweep(const ScaledProblem& problem) {
   const NoMalloc guard;
-  slips_ = false;
+  slipping_ = pressing_ = 0;
   for (Index i = 0; i < problem.sets.num_sets(); ++i) {
     const ConstraintSet& set = problem.sets[i];
     if (set.type == SetType::FrictionCone) {
@@ -92,7 +92,7 @@ void BlockSweeps::visit_contact(const ScaledProblem& problem, Index i) {
     u[1] += a(1, 0) * d0 + a(1, 1) * d1;
     u[2] += a(2, 0) * d0 + a(2, 1) * d1 + a(2, 2) * rise;
   }
-  slips_ |= slips;
+  slipping_ += slips, pressing_ += x[2] > 0.0;
   const double change[3] = {x[0] - l[0], x[1] - l[1], x[2] - l[2]};
   if (change[0] == 0.0 && change[1] == 0.0 && change[2] == 0.0) return;
   for (int k = 0; k < 3; ++k) l[k] = x[k];

@@ -21,6 +21,8 @@ constexpr double kLateCentring = 0.1;
 constexpr int kLateIteration = 20;   // iterations after which centring is never less than kLateCentring
 constexpr int kHold = 8;             // iterations that a reduced theta is held, doubled at each recurrence
 constexpr double kEquality = 1e-10;  // keeps redundant one-row sets factorable
+// How far inside the cones it starts from a guess: at least, and of the velocity over the largest error.
+constexpr double kInside = 1e-3, kInsideVelocity = 0.3;
 
 using Vector3 = std::array<double, 3>;
 
@@ -38,13 +40,14 @@ Vector3 jordan_product(const Vector3& a, const Vector3& b) {
 
 /// Solves jordan_product(a, x) = b.
 Vector3 jordan_divide(const Vector3& a, const Vector3& b) {
-  const double x0 = (a[0] * b[0] - a[1] * b[1] - a[2] * b[2]) / determinant(a);
-  return {x0, (b[1] - x0 * a[1]) / a[0], (b[2] - x0 * a[2]) / a[0]};
+  const double inverse = 1.0 / a[0], x0 = (a[0] * b[0] - a[1] * b[1] - a[2] * b[2]) / determinant(a);
+  return {x0, (b[1] - x0 * a[1]) * inverse, (b[2] - x0 * a[2]) * inverse};
 }
 
-/// Quadratic representation's square root for unit-determinant w: [w0, w_T'; w_T, I + w_T w_T' / (1 + w0)].
-Vector3 scale(const Vector3& w, const Vector3& v) {
-  const double t = w[1] * v[1] + w[2] * v[2], f = v[0] + t / (1.0 + w[0]);
+/// Quadratic representation's square root for unit-determinant w: [w0, w_T'; w_T, I + share w_T w_T'], share =
+/// 1 / (1 + w0).
+Vector3 scale(const Vector3& w, double share, const Vector3& v) {
+  const double t = w[1] * v[1] + w[2] * v[2], f = v[0] + t * share;
   return {w[0] * v[0] + t, v[1] + f * w[1], v[2] + f * w[2]};
 }
 
@@ -52,19 +55,20 @@ Vector3 reflect(const Vector3& w) { return {w[0], -w[1], -w[2]}; }
 
 Vector3 times(double a, const Vector3& v) { return {a * v[0], a * v[1], a * v[2]}; }
 
-/// Largest a with x + a dx in the second-order cone.
-double step_to_boundary(const Vector3& x, const Vector3& dx) {
-  const double a = determinant(dx), b = x[0] * dx[0] - x[1] * dx[1] - x[2] * dx[2];
-  const double c = std::max(determinant(x), 0.0);
-  double step = std::numeric_limits<double>::infinity();
+/// Largest a with x + a dx in the second-order cone, c = determinant(x): the smallest positive root of
+/// det(dx) a^2 + 2 b a + c.
+double step_to_boundary(const Vector3& x, double c, const Vector3& dx) {
+  const double a = dx[0] * dx[0] - dx[1] * dx[1] - dx[2] * dx[2], b = x[0] * dx[0] - x[1] * dx[1] - x[2] * dx[2];
   const double discriminant = b * b - a * c;
   if (discriminant >= 0.0) {
-    const double q = -(b + (b >= 0.0 ? 1.0 : -1.0) * std::sqrt(discriminant));
-    for (const double root : {q / a, c / q})
-      if (std::isfinite(root) && root > 0.0) step = std::min(step, root);
+    const double root = std::sqrt(discriminant);
+    if (b <= 0.0) {
+      if (root > b) return c / (root - b);
+    } else if (a < 0.0) {
+      return (root + b) / -a;
+    }
   }
-  if (dx[0] < 0.0) step = std::min(step, -x[0] / dx[0]);
-  return step;
+  return dx[0] < 0.0 ? -x[0] / dx[0] : std::numeric_limits<double>::infinity();
 }
 
 }  // namespace
@@ -135,9 +139,15 @@ void InteriorPoint::start(ScaledProblem& problem, Law law, const GrowVector* l_g
   }
 
   const double dual = 1.0 + (n > 0 ? problem.b.cwiseAbs().maxCoeff() : 0.0);
-  if (l_guess) {  // a little inside the cones around the guess and its velocity
+  // Around a guess and its velocity, as far inside the cones as the guess is off.
+  double inside_x = kInside, inside_z = kInside;
+  if (l_guess) {
     problem.system->apply(*l_guess, t_);
     t_ += problem.b;
+    natural_residual(problem, law, *l_guess, t_, natural_);
+    const double error = natural_.lpNorm<Eigen::Infinity>();
+    if (std::isfinite(error))
+      inside_x = std::max(error, kInside), inside_z = std::max(kInsideVelocity * error, kInside);
   }
   for (Element& e : elements_) {
     e.x = {options.start_scale, 0.0, 0.0};
@@ -150,26 +160,25 @@ void InteriorPoint::start(ScaledProblem& problem, Law law, const GrowVector* l_g
     }
   }
   if (l_guess) {
-    constexpr double kInside = 1e-3;
     for (Element& e : elements_) {
       const GrowVector& g = *l_guess;
       if (e.line) {
         const bool interval = problem.sets[e.set].type == SetType::Interval;
         const double room = interval ? problem.sets[e.set].upper - problem.sets[e.set].lower : 1.0;
-        const double least = kInside * std::min(1.0, room);
+        const double least = inside_x * std::min(1.0, room);
         double x = std::max(e.sign * (g[e.row] - e.bound), least);
         if (interval) x = std::min(x, std::max(room - least, 0.5 * room));
         e.x[0] = x;
         l_[e.row] = e.bound + e.sign * x;
-        e.z[0] = std::max(e.sign * t_[e.row], kInside);
+        e.z[0] = std::max(e.sign * t_[e.row], inside_z);
         continue;
       }
       e.x = {e.friction * g[e.row + 2], g[e.row], g[e.row + 1]};
       const double tx = std::hypot(e.x[1], e.x[2]);
-      e.x[0] = std::max(e.x[0], tx) + kInside;
+      e.x[0] = std::max(e.x[0], tx) + inside_x;
       e.z = {t_[e.row + 2] / e.friction, t_[e.row], t_[e.row + 1]};
       const double tz = std::hypot(e.z[1], e.z[2]);
-      e.z[0] = std::max(e.z[0] + (law == Law::Ncp ? tz : 0.0), tz) + kInside;
+      e.z[0] = std::max(e.z[0] + (law == Law::Ncp ? tz : 0.0), tz) + inside_z;
       l_[e.row] = e.x[1], l_[e.row + 1] = e.x[2], l_[e.row + 2] = e.x[0] / e.friction;
     }
     for (Index i = 0; i < problem.sets.num_sets(); ++i) {
@@ -207,16 +216,20 @@ void InteriorPoint::evaluate() {
 
 void InteriorPoint::scalings() {
   for (Element& e : elements_) {
-    const double dx = std::sqrt(std::max(determinant(e.x), 1e-300)), dz = std::sqrt(std::max(determinant(e.z), 1e-300));
-    const Vector3 xb = times(1.0 / dx, e.x), zb = times(1.0 / dz, e.z);
+    e.det_x = std::max(determinant(e.x), 1e-300), e.det_z = std::max(determinant(e.z), 1e-300);
+    const double dx = std::sqrt(e.det_x), dz = std::sqrt(e.det_z), over_x = 1.0 / dx, over_z = 1.0 / dz;
+    const Vector3 xb = times(over_x, e.x), zb = times(over_z, e.z);
     const double factor = 0.5 / std::sqrt(0.5 * (1.0 + dot(xb, zb)));
     e.w = {factor * (xb[0] + zb[0]), factor * (xb[1] - zb[1]), factor * (xb[2] - zb[2])};
-    e.eta = std::sqrt(dx / dz);
-    const double s = 1.0 / (e.eta * e.eta);
+    e.share = 1.0 / (1.0 + e.w[0]);
+    const double s = dz * over_x;
+    e.over_eta = std::sqrt(s), e.eta = dx * over_z * e.over_eta;
     const Vector3 j = reflect(e.w);  // H = (2 Jw w'J - J) / eta^2
     for (int r = 0; r < 3; ++r)
       for (int c = 0; c < 3; ++c) e.h[r][c] = 2.0 * s * j[r] * j[c] + (r == c ? (r == 0 ? -s : s) : 0.0);
-    e.lambda = times(1.0 / e.eta, scale(reflect(e.w), e.x));
+    e.lambda = times(e.over_eta, scale(j, e.share, e.x));
+    const double over_speed = 1.0 / std::max(std::sqrt(e.z[1] * e.z[1] + e.z[2] * e.z[2]), 1e-300);
+    e.u1 = e.z[1] * over_speed, e.u2 = e.z[2] * over_speed;
   }
 }
 
@@ -232,8 +245,7 @@ bool InteriorPoint::factor() {
       block(k, k) += e.h[0][0];
       continue;
     }
-    const double speed = std::max(std::sqrt(e.z[1] * e.z[1] + e.z[2] * e.z[2]), 1e-300);
-    const double u1 = theta * e.z[1] / speed, u2 = theta * e.z[2] / speed, mu = e.friction;
+    const double u1 = theta * e.u1, u2 = theta * e.u2, mu = e.friction;
     double top[3];  // first row of (I - theta E) H
     for (int c = 0; c < 3; ++c) top[c] = e.h[0][c] - u1 * e.h[1][c] - u2 * e.h[2][c];
     block << e.h[1][1], e.h[1][2], mu * e.h[1][0],  //
@@ -263,8 +275,7 @@ void InteriorPoint::direction() {
       rhs_[e.row] += e.sign * e.centre[0];
       continue;
     }
-    const double speed = std::max(std::sqrt(e.z[1] * e.z[1] + e.z[2] * e.z[2]), 1e-300);
-    const double along = theta * (e.z[1] * e.centre[1] + e.z[2] * e.centre[2]) / speed;
+    const double along = theta * (e.u1 * e.centre[1] + e.u2 * e.centre[2]);
     rhs_[e.row] += e.centre[1];
     rhs_[e.row + 1] += e.centre[2];
     rhs_[e.row + 2] += e.friction * (e.centre[0] - along);
@@ -288,7 +299,7 @@ double InteriorPoint::longest_step() const {
       if (e.dx[0] < 0.0) step = std::min(step, -e.x[0] / e.dx[0]);
       if (e.dz[0] < 0.0) step = std::min(step, -e.z[0] / e.dz[0]);
     } else {
-      step = std::min(step, std::min(step_to_boundary(e.x, e.dx), step_to_boundary(e.z, e.dz)));
+      step = std::min(step, std::min(step_to_boundary(e.x, e.det_x, e.dx), step_to_boundary(e.z, e.det_z, e.dz)));
     }
   }
   return step;
@@ -330,12 +341,13 @@ bool InteriorPoint::step() {
 
   // Corrector (T21): W c = lambda \ (centring mu e - (W^-1 dx) o (W dz) - lambda o lambda).
   for (Element& e : elements_) {
-    const Vector3 sx = times(1.0 / e.eta, scale(reflect(e.w), e.dx)), sz = times(e.eta, scale(e.w, e.dz));
+    const Vector3 sx = times(e.over_eta, scale(reflect(e.w), e.share, e.dx));
+    const Vector3 sz = times(e.eta, scale(e.w, e.share, e.dz));
     const Vector3 second = jordan_product(sx, sz), square = jordan_product(e.lambda, e.lambda);
     Vector3 c;
     for (int k = 0; k < 3; ++k) c[k] = -second[k] - square[k];
     c[0] += centring * mu_;
-    e.centre = times(1.0 / e.eta, scale(reflect(e.w), jordan_divide(e.lambda, c)));
+    e.centre = times(e.over_eta, scale(reflect(e.w), e.share, jordan_divide(e.lambda, c)));
   }
   direction();
   step_ = std::min(1.0, kToBoundary * longest_step());

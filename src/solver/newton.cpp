@@ -18,6 +18,7 @@ constexpr int kWatch = 5;  // residuals that the nonmonotone line search looks b
 constexpr int kMaxHalvings = 10;
 constexpr int kActiveHalvings = 6;
 constexpr double kSmallestActiveDelta = 1e-9;
+constexpr double kStickDelta = 1e-7;
 constexpr int kChords = 4;          // steps with one factor after the first
 constexpr double kChordGain = 0.3;  // what such a step must leave of the residual, at most
 constexpr double kLeastGain = 0.3;  // what an iteration must leave, once the tolerance holds
@@ -374,6 +375,27 @@ NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, 
   const double projected = evaluate(m.trial, m.trial_t, m.trial_natural);
   if (projected <= std::max(result.relative, tolerance)) result.relative = projected, m.best = m.trial;
   return result;
+}
+
+bool stick_everywhere(ScaledProblem& problem, NewtonMemory& m) {
+  using Kind = ReducedSet::Kind;
+  for (Index i = 0; i < problem.sets.num_sets(); ++i) {
+    const ConstraintSet& set = problem.sets[i];
+    m.reduced[static_cast<std::size_t>(i)].kind = set.size() == 1      ? Kind::Line
+                                                  : set.friction > 0.0 ? Kind::Stick
+                                                                       : Kind::Normal;
+  }
+  if (!problem.system->factor_reduced(m.reduced, kStickDelta)) return false;
+  for (Index i = 0; i < problem.sets.num_sets(); ++i) {
+    const Index o = problem.sets[i].offset;
+    const bool normal = m.reduced[static_cast<std::size_t>(i)].kind == Kind::Normal;
+    m.rhs.segment(o, problem.sets[i].size()) = -problem.b.segment(o, problem.sets[i].size());
+    if (normal) m.rhs[o] = -problem.b[o + 2];
+  }
+  problem.system->solve_reduced(m.rhs);
+  m.jump.setZero();
+  expand(problem, m.reduced, m.jump, m.rhs, m.l);
+  return m.l.allFinite();
 }
 
 NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance, double weight, int max_factorizations,

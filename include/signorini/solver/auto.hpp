@@ -13,7 +13,7 @@ struct AutoWorkspace {
   BlockSweeps sweeps;
   InteriorPoint interior_point;
   NewtonMemory newton;
-  GrowVector best, ray, start, impulse, scratch;
+  GrowVector best, ray, near, start, impulse, scratch;
   std::vector<int> labels, first, members, part;  ///< of the sets: island; islands' first members; sets by island
 };
 

@@ -19,7 +19,9 @@ class BlockSweeps {
   const GrowVector& impulse() const { return l_; }
   const GrowVector& velocity() const { return t_; }  ///< A impulse() + b
   /// Whether a contact slipped in the last sweep.
-  bool slips() const { return slips_; }
+  bool slips() const { return slipping_ > 0; }
+  /// Whether at most a quarter of those that pressed did.
+  bool mostly_sticks() const { return 4 * slipping_ <= pressing_; }
 
  private:
   struct Set {
@@ -30,7 +32,7 @@ class BlockSweeps {
   void visit_contact(const ScaledProblem& problem, Index i);
 
   GrowVector l_, t_, natural_;  ///< impulse, its velocity A l + b, residual
-  bool slips_ = false;
+  int slipping_ = 0, pressing_ = 0;
   std::vector<Set, Eigen::aligned_allocator<Set>> sets_;
 };
 

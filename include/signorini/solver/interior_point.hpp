@@ -44,8 +44,11 @@ class InteriorPoint {
     double friction = 0.0;           // cone
     double sign = 1.0, bound = 0.0;  // line: x = sign (l - bound)
     Vector3 x{}, z{}, dx{}, dz{}, centre{}, w{}, lambda{};
-    double eta = 1.0;     // NT scaling, det(x) / det(z) to the quarter
-    double h[3][3] = {};  // H = W^-2
+    double eta = 1.0, over_eta = 1.0;  // NT scaling, det(x) / det(z) to the quarter; 1 / eta
+    double share = 0.5;                // 1 / (1 + w_0)
+    double det_x = 1.0, det_z = 1.0;   // x_0^2 - |x_T|^2 and that of z
+    double u1 = 0.0, u2 = 0.0;         // z_T / |z_T|
+    double h[3][3] = {};               // H = W^-2
   };
 
   void evaluate();   // t_, residual_, relative_ and the complementarity

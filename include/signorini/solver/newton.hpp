@@ -50,6 +50,10 @@ NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, 
                                       NewtonMemory& memory, const IterateObserver& observe = {}, double weight = 0.0,
                                       const GrowVector* centre = nullptr, const ActiveSearch& search = {});
 
+/// memory.l: the impulse with which every contact sticks and every bound acts, one linear system. False when that is
+/// singular. For systems that reduce() only.
+bool stick_everywhere(ScaledProblem& problem, NewtonMemory& memory);
+
 constexpr int kProximalPatience = 60;
 
 /// Proximal point method on the NCP: each step solves, by active_newton_iterations(), the problem with a quadratic term

@@ -18,12 +18,13 @@ TOLERANCE = 1e-6
 MAX_ITERATIONS = 20000
 FACTOR, SHARE = 1.5, 0.95  # ours within this of the best, on so many of the problems
 OURS = "auto"
-METHODS = (OURS, "admm", "interior-point", "pgs")  # of this library; with "admm (paper)" and the peers, all that run
+# Of this library; with "admm (paper)" and the peers, all that run.
+METHODS = (OURS, "admm", "interior-point", "newton", "pgs")
 
 
 def run(options: Options) -> Report:
     """Each solver on each problem, one after the other on one core: ours (auto), the paper's ADMM as it is written, our
-    ADMM, interior point and PGS, and the peers.
+    ADMM, interior point, Newton and PGS, and the peers.
 
     A run counts as solved when the relative certificate or all three absolute residuals are within 1e-6: the second is
     the paper's own test, asked of the true problem. The share that passes the first alone stands beside it.
@@ -38,6 +39,7 @@ def run(options: Options) -> Report:
         ours("admm (paper)", "admm", paper_tolerance=TOLERANCE, **limits, **PAPER_SETTINGS),
         ours("admm", "admm", **limits),
         ours("interior-point", "interior-point"),
+        ours("newton", "newton"),
         ours("pgs", "pgs", **limits),
     ]
     for entry in entries:
@@ -137,7 +139,7 @@ def _report(
                 met=solvers["auto"]["share_solved"] >= best,
             )
         )
-        single = {n: solvers[n]["milliseconds"].get("median", np.inf) for n in ("admm", "interior-point", "pgs")}
+        single = {n: solvers[n]["milliseconds"].get("median", np.inf) for n in METHODS[1:]}
         usable = {n: t for n, t in single.items() if solvers[n]["share_solved"] >= 0.5}
         if usable:
             fastest_name = min(usable, key=lambda n: usable[n])
@@ -263,6 +265,7 @@ _STYLE = {
     "admm (paper)": (_plots.COLORS["paper"], "-", 1.8),
     "admm": (_plots.COLORS["admm"], "-", 1.4),
     "interior-point": ("#e59866", "-", 1.4),
+    "newton": ("#48c9b0", "-", 1.4),
     "pgs": (_plots.COLORS["pgs"], "-", 1.4),
     "scs": ("#8e44ad", "--", 1.2),
     "clarabel": ("#d68910", "--", 1.2),
