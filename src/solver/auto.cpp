@@ -552,7 +552,7 @@ class Ladder {
   Law law_;
   double tolerance_, aim_, global_reference_, patch_work_ = 0.0;
   double straightest_ = std::numeric_limits<double>::infinity();  // what w_.ray leaves against its own size
-  bool has_near_ = false;  // whether w_.near is a start of the interior point
+  bool has_near_ = false;                                         // whether w_.near is a start of the interior point
   bool active_newton_ = false, proximal_ = false, tried_proximal_ = false;
   int max_factorizations_;
   bool may_repair_;  // false inside a patch
