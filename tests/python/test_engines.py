@@ -127,6 +127,10 @@ def test_an_engine_that_is_not_there_is_named(tmp_path, monkeypatch):
     claims = {verdict["claim"]: verdict for verdict in content["verdicts"]}
     assert claims["trials: who passes every column in one setting"]["measured"] == "ours"
     assert (tmp_path / "simulators-trials.png").exists() == _plots.available()
+    page = (tmp_path / "simulators.md").read_text()  # every table, to paste
+    for title, (columns, rows) in content["tables"].items():
+        assert f"## {title}\n\n| {' | '.join(columns)} |\n| --- |" in page
+        assert f"\n| {' | '.join(rows[0])} |\n" in page
 
 
 def test_an_engine_that_dies_is_named(tmp_path):

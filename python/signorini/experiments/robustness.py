@@ -158,6 +158,7 @@ def _report(
             value = "none" if one["relative"] is None else f"{one['relative']:.1e}"
             told += f"; worst {family}/{name} at {value}"
         verdicts.append(Verdict(f"{stress}: relative <= 1e-8", told, "all", not failures))
+    tables = {"Solved; factorisations, median and most": _all_stresses(numbers["stresses"], wanted), **tables}
     report = Report("robustness", numbers, verdicts, tables)
     if options.workers > 1:
         report.notes.append("Several processes ran at once: the times are not to be quoted.")
@@ -165,6 +166,20 @@ def _report(
     if _plots.available():
         report.files.append(_plot(options, items, stresses, wanted))
     return report
+
+
+def _all_stresses(found: dict[str, Any], wanted: tuple[str, ...]) -> tuple[list[str], list[list[str]]]:
+    """One table of all stresses; UNSOLVABLE do not count."""
+    rows = []
+    for stress, families in found.items():
+        aside = sum(bad["name"] in UNSOLVABLE for one in families.values() for bad in one["unsolved"])
+        solved = sum(one["solved"] for one in families.values())
+        row = [stress, f"{solved} of {sum(one['problems'] for one in families.values()) - aside}"]
+        for family in wanted:
+            count = families[family]["factorizations"]
+            row.append(f"{count['median']:.0f}, {count['max']:.0f}")
+        rows.append(row)
+    return ["variant", "solved", *wanted], rows
 
 
 def _plot(options: Options, items: Any, stresses: tuple[str, ...], wanted: tuple[str, ...]) -> Any:
