@@ -444,3 +444,22 @@ def test_the_goal_takes_speed_and_the_median(ratio, mine, met):
     assert goal.met is met
     assert goal.measured.startswith("3 of 3" if met else "2 of 3; not: ur5")
     assert both.measured == "none"
+
+
+def test_starts_in_one_process_are_alone(tmp_path):
+    """Whoever ran before in the same process leaves nothing behind, in every engine that is here."""
+    start = scenes.worlds()["cube-stack"](num_cubes=2, mass_ratio=1.0)
+    model = _exchange.plain(start.world, 0.8)
+    _exchange.write(model, start.q, tmp_path)
+    turned = np.array(start.q)
+    turned[3:7] = [0.0, 0.1, 0.0, 0.99**0.5]
+    turned[[2, 9]] += 0.05
+    for engine in engines.ENGINES:
+        python = engines.interpreter(engine)
+        if python is None:
+            continue
+        some = [(None, 60), (turned, 60), (turned, 60)]
+        one, two, again = engines.run_all(python, engine, engine.settings[0], tmp_path, some, time_step=1e-3)
+        alone = engines.run_all(python, engine, engine.settings[0], tmp_path, some[1:2], time_step=1e-3)[0]
+        assert one["states"] != two["states"], engine.name
+        assert two["states"] == again["states"] == alone["states"], engine.name

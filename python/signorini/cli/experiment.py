@@ -192,6 +192,14 @@ def stepping(output: Output, quick: Quick = False) -> None:
 
 
 @app.command()
+def scenes(output: Output, quick: Quick = False) -> None:
+    """Every ready scene, heaps of up to 10 000 bodies too: steps a second, contacts, certificates, overlaps."""
+    from signorini.experiments import scenes as experiment
+
+    _run(experiment.run, _options(output, None, quick, None, False, None))
+
+
+@app.command()
 def simulators(
     output: Output,
     quick: Quick = False,
