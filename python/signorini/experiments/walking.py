@@ -190,7 +190,7 @@ def _table(walks: dict[str, Walk], distance: float) -> tuple[list[str], list[lis
                 f"{max(w.cone for w in some):.0e}",
                 _span([w.plan_rate for w in some], 0),
                 f"{max(w.worst_residual for w in some):.0e}",
-                str(sum(w.unsolved for w in some)),
+                f"{sum(w.unsolved for w in some)} of {round(1e3 * sum(w.duration for w in some))}",
                 f"{max(w.worst_relative for w in some):.0e}",
                 _span([w.duration / w.cpu for w in some], 1),
                 _span([w.control_cpu / w.duration for w in some], 2),
