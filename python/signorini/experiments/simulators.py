@@ -490,8 +490,8 @@ def _from_starts(
     horizons = [start.judge.horizon for start in starts]
     found = {label: _starts.summary(many, errors[OURS]) for label, many in errors.items()} if OURS in errors else {}
     scene["starts"] = {"horizons": horizons, "errors": errors, "summary": found, "refined": small}
-    span = f"{min(horizons):.2f} to {max(horizons):.2f} s"
-    tables = {f"{len(starts)} starts; end: of each its own, {span}": _starts.table(found)}
+    span = dict.fromkeys((f"{min(horizons):.2f}", f"{max(horizons):.2f}"))
+    tables = {f"{len(starts)} starts; end: of each its own, {' to '.join(span)} s": _starts.table(found)}
     if small:
         tables[f"{len(starts)} starts, smaller steps: median mm off, and of the first start"] = _starts.refined(small)
     return tables
