@@ -19,6 +19,7 @@ from signorini.experiments import (
     robustness,
     scaling,
 )
+from signorini.experiments import scenes as scene_speeds
 from signorini.experiments._data import problem_files
 from signorini.experiments._report import Report, RunLog, Verdict, summary
 
@@ -194,6 +195,23 @@ def test_robustness_in_processes_says_so(folder, tmp_path):
     assert set(report.numbers["stresses"]) == {"as is", "friction 0"}
     assert set(report.numbers["stresses"]["as is"]) == {"chain"}
     assert any("not to be quoted" in note for note in report.notes)
+    columns, rows = report.tables["Solved; factorisations, median and most"]
+    assert columns == ["variant", "solved", "chain"]
+    runs = report.numbers["stresses"]["friction 0"]["chain"]
+    count = runs["factorizations"]
+    assert rows[1] == ["friction 0", f"{runs['solved']} of 3", f"{count['median']:.0f}, {count['max']:.0f}"]
+
+
+def test_scenes(tmp_path, monkeypatch):
+    monkeypatch.setattr(scene_speeds, "RUNS", (("cube-stack", {"num_cubes": 2}, 0.2), ("spheres", {"size": 1000}, 0.2)))
+    report = scene_speeds.run(Options(tmp_path, quick=True))
+    columns, ((title, bodies, contacts, *_),) = report.tables["Scenes"]  # no large one
+    assert columns[:3] == ["scene", "bodies", "contacts, mean and most"]
+    assert (title, bodies, contacts) == ("cube-stack num_cubes=2, 0.01 s", "2", "8, 8")
+    (verdict,) = report.verdicts
+    assert verdict.met
+    assert verdict.measured == "0 of 10 not solved"
+    assert "| cube-stack num_cubes=2, 0.01 s | 2 | 8, 8 |" in (tmp_path / "scenes.md").read_text()
 
 
 def test_missing_data_is_said(tmp_path, folder, monkeypatch):

@@ -192,6 +192,14 @@ def stepping(output: Output, quick: Quick = False) -> None:
 
 
 @app.command()
+def scenes(output: Output, quick: Quick = False) -> None:
+    """Every ready scene, heaps of up to 10 000 bodies too: steps a second, contacts, certificates, overlaps."""
+    from signorini.experiments import scenes as experiment
+
+    _run(experiment.run, _options(output, None, quick, None, False, None))
+
+
+@app.command()
 def simulators(
     output: Output,
     quick: Quick = False,
@@ -203,12 +211,15 @@ def simulators(
         list[str] | None,
         typer.Option(help="Only this scene, or trials, the small ones; may be given several times."),
     ] = None,
+    refine: Annotated[
+        bool, typer.Option("--refine", help="With steps down to 1/32 ms too, ours and MuJoCo accurate.")
+    ] = False,
 ) -> None:
     """Fig. 6: MuJoCo, Drake, Bullet and DART beside ours: steps a second, and what they are worth."""
     from signorini.experiments import simulators as experiment
 
     options = _options(output, None, quick, None, False, None)
-    _run(lambda given: experiment.run(given, install, tuple(engine or ()), tuple(scene or ())), options)
+    _run(lambda given: experiment.run(given, install, tuple(engine or ()), tuple(scene or ()), refine), options)
 
 
 @app.command()

@@ -14,13 +14,14 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from signorini.engines import _exchange
 
-__all__ = ["ENGINES", "Engine", "cache", "install", "interpreter", "run", "write_model"]
+__all__ = ["ENGINES", "Engine", "cache", "install", "interpreter", "run", "run_all", "write_model"]
 
 write_model = _exchange.write
 TIMEOUT = 60.0  # [s] to load, beyond the time to step
@@ -115,10 +116,26 @@ def install(engine: Engine) -> None:
 def run(
     python: str, engine: Engine, setting: str, folder: Path, *, time_step: float, steps: int, limit: float = 60.0
 ) -> dict[str, Any]:
-    """One run in a process of its own, one thread: what _worker.main answers, or {"error": why}.
+    """One run from the model's own start in a process of its own, one thread: what _worker says of it with the
+    engine's version, or {"error": why}.
 
     folder: of write_model. limit: seconds of stepping after which it stops where it is.
     """
+    return run_all(python, engine, setting, folder, [(None, steps)], time_step=time_step, limit=limit)[0]
+
+
+def run_all(
+    python: str,
+    engine: Engine,
+    setting: str,
+    folder: Path,
+    starts: Sequence[tuple[Any, int]],
+    *,
+    time_step: float,
+    limit: float = 60.0,
+) -> list[dict[str, Any]]:
+    """The same for several starts, each a configuration (None: the model's own) and a number of steps, one after the
+    other in one process; the engine loads the model anew for each. limit: of each."""
     script = Path(__file__).with_name(f"run_{engine.name}.py")
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
     if python != sys.executable:
@@ -127,22 +144,27 @@ def run(
         environment.pop("LD_LIBRARY_PATH", None)
     with tempfile.TemporaryDirectory(prefix="signorini-engine-") as place:
         request = Path(place) / "run.json"
-        content = {"model": str(folder), "setting": setting, "time_step": time_step, "steps": steps, "limit": limit}
+        many = [[None if q is None else list(map(float, q)), steps] for q, steps in starts]
+        content = {"model": str(folder), "setting": setting, "time_step": time_step, "starts": many, "limit": limit}
         request.write_text(json.dumps(content))
+        patience = limit * len(starts) + TIMEOUT
         try:
             done = subprocess.run(
                 [python, str(script), str(request)],
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
                 env=environment,
-                timeout=limit + TIMEOUT,
+                timeout=patience,
                 check=False,
             )
         except subprocess.TimeoutExpired:
-            return {"error": f"no answer after {limit + TIMEOUT:g} s"}
+            return [{"error": f"no answer after {patience:g} s"}] * len(starts)
         answer = request.with_suffix(".answer")
         if not answer.exists():
             said = done.stderr.decode(errors="replace").strip().splitlines()
-            return {"error": f"process ended with {done.returncode}: {said[-1] if said else 'it said nothing'}"}
+            why = f"process ended with {done.returncode}: {said[-1] if said else 'it said nothing'}"
+            return [{"error": why}] * len(starts)
         result: dict[str, Any] = json.loads(answer.read_text())
-        return result
+        if "error" in result:
+            return [result] * len(starts)
+        return [{"version": result["version"], **run} for run in result["runs"]]

@@ -63,50 +63,63 @@ def _said(error: Exception) -> str:
 def main(version: str, load: Callable[[Path, dict[str, Any], str, float], Any]) -> None:
     """Reads a request from the file named on the command line, writes the answer next to it.
 
-    Request: model (folder), setting, time_step, steps, limit (seconds of stepping after which it stops). Answer:
-    version, seconds in all and of each block of steps, steps made, q and v after every BLOCK steps, mass_matrix at the
-    start, total_mass, report, touched: pairs of links that touched at one of those times, extra; stopped: why it made
-    fewer steps, failed: when it was not for lack of time; or error.
+    Request: model (folder), setting, time_step, limit (seconds of stepping after which it stops), starts: of each run
+    its q and steps, or None for q: the model's own start. Answer: version, runs: of each what _run says, or error.
     """
     path = Path(sys.argv[1])
     request = json.loads(path.read_text())
-    folder = Path(request["model"])
-    model = json.loads((folder / "model.json").read_text())
     answer: dict[str, Any] = {"version": version}
     try:
-        engine = load(folder, model, request["setting"], request["time_step"])
-        engine.set_state(np.array(json.loads((folder / "start.json").read_text())["q"]))
-        matrix = engine.mass_matrix()
-        answer |= {"mass_matrix": None if matrix is None else np.asarray(matrix).tolist()}
-        answer |= {"total_mass": float(engine.total_mass()), "report": engine.report()}
-        states: list[Any] = [[np.asarray(x).tolist() for x in engine.state()]]
-        blocks: list[float] = []  # seconds of each
-        steps = 0
-        touched: set[tuple[int, int]] = set()
-        while steps < request["steps"] and sum(blocks) < request["limit"]:
-            count = min(BLOCK, request["steps"] - steps)
-            began = time.perf_counter()
-            try:
-                engine.step(count)
-            except Exception as error:
-                if not steps:
-                    raise
-                answer |= {"stopped": f"failed after {steps} steps: {_said(error)}", "failed": True}
-                break
-            blocks.append(time.perf_counter() - began)
-            steps += count
-            touched |= {(min(pair), max(pair)) for pair in engine.touching()}
-            states.append([np.asarray(x).tolist() for x in engine.state()])
-            if not all(np.isfinite(x).all() for x in states[-1]):
-                states.pop()
-                answer |= {"stopped": f"not finite after {steps} steps", "failed": True}
-                break
-        if steps < request["steps"]:
-            answer.setdefault("stopped", f"out of time after {steps} steps")
-        answer |= {"seconds": sum(blocks), "blocks": blocks, "steps": steps, "states": states}
-        answer |= {"touched": sorted(touched), "extra": engine.extra()}
+        folder = Path(request["model"])
+        model = json.loads((folder / "model.json").read_text())
+        own = json.loads((folder / "start.json").read_text())["q"]
+        answer["runs"] = [
+            _run(
+                load(folder, model, request["setting"], request["time_step"]),
+                np.array(own if q is None else q),
+                steps,
+                request["limit"],
+            )
+            for q, steps in request["starts"]
+        ]
     except Exception as error:
         answer["error"] = _said(error)
     path.with_suffix(".answer").write_text(json.dumps(answer))
     sys.stdout.flush()
     os._exit(0)  # some engines crash while Python takes them down
+
+
+def _run(engine: Any, q: Any, wanted: int, limit: float) -> dict[str, Any]:
+    """Seconds in all and of each block of steps, steps made, q and v after every BLOCK steps, mass_matrix at the start,
+    total_mass, report, touched: pairs of links that touched at one of those times, extra; stopped: why it made fewer
+    steps, failed: when it was not for lack of time."""
+    engine.set_state(q)
+    matrix = engine.mass_matrix()
+    answer: dict[str, Any] = {"mass_matrix": None if matrix is None else np.asarray(matrix).tolist()}
+    answer |= {"total_mass": float(engine.total_mass()), "report": engine.report()}
+    states: list[Any] = [[np.asarray(x).tolist() for x in engine.state()]]
+    blocks: list[float] = []  # seconds of each
+    steps = 0
+    touched: set[tuple[int, int]] = set()
+    while steps < wanted and sum(blocks) < limit:
+        count = min(BLOCK, wanted - steps)
+        began = time.perf_counter()
+        try:
+            engine.step(count)
+        except Exception as error:
+            if not steps:
+                raise
+            answer |= {"stopped": f"failed after {steps} steps: {_said(error)}", "failed": True}
+            break
+        blocks.append(time.perf_counter() - began)
+        steps += count
+        touched |= {(min(pair), max(pair)) for pair in engine.touching()}
+        states.append([np.asarray(x).tolist() for x in engine.state()])
+        if not all(np.isfinite(x).all() for x in states[-1]):
+            states.pop()
+            answer |= {"stopped": f"not finite after {steps} steps", "failed": True}
+            break
+    if steps < wanted:
+        answer.setdefault("stopped", f"out of time after {steps} steps")
+    answer |= {"seconds": sum(blocks), "blocks": blocks, "steps": steps, "states": states}
+    return answer | {"touched": sorted(touched), "extra": engine.extra()}

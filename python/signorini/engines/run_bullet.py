@@ -61,6 +61,8 @@ class Engine:
 
     def __init__(self, folder: Path, model: dict[str, Any], setting: str, time_step: float) -> None:
         self.links, self.layout = model["links"], _worker.layout(model)
+        if pybullet.isConnected():  # with the world of the run before
+            pybullet.disconnect()
         pybullet.connect(pybullet.DIRECT)
         pybullet.setGravity(*model["gravity"])
         pybullet.setTimeStep(time_step)

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 from signorini.experiments import _paper
 from signorini.experiments._all import Outcome
+from signorini.experiments._markdown import Markdown
 from signorini.experiments._report import Verdict
 
 MARK = {True: "met", False: "NOT MET", None: "-"}
@@ -113,42 +114,9 @@ def _measured(outcome: Outcome) -> str:
     return f"{when} (an earlier run)" if outcome.earlier else when
 
 
-class _Markdown:
-    def __init__(self) -> None:
-        self._lines: list[str] = []
-
-    def text(self) -> str:
-        return "\n".join(self._lines).rstrip() + "\n"
-
-    def heading(self, level: int, text: str) -> None:
-        self._lines += ["#" * level + " " + _plain(text), ""]
-
-    def paragraph(self, text: str) -> None:
-        self._lines += [_plain(text), ""]
-
-    def listing(self, items: Sequence[str]) -> None:
-        self._lines += [*("- " + _plain(item) for item in items), ""]
-
+class _Markdown(Markdown):
     def verdicts(self, verdicts: Sequence[dict[str, Any]]) -> None:
         self.listing([str(Verdict(**verdict)) for verdict in verdicts])
-
-    def table(self, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-        for row in (columns, ["---"] * len(columns), *rows):
-            self._lines.append("| " + " | ".join(_plain(cell).replace("|", "\\|") for cell in row) + " |")
-        self._lines.append("")
-
-    def plot(self, path: Path) -> None:
-        self._lines += [f"![{path.stem}]({path.name})", ""]
-
-    def code(self, text: str) -> None:
-        self._lines += ["```text", text.replace("```", "'''"), "```", ""]
-
-
-def _plain(text: str) -> str:
-    """On one line; without what Markdown would take for HTML, a link or emphasis."""
-    for mark in "<[*_`":
-        text = text.replace(mark, "\\" + mark)
-    return " ".join(text.split())
 
 
 class _Html:

@@ -17,6 +17,7 @@ import numpy as np
 
 import signorini
 from signorini import _core
+from signorini.experiments._markdown import Markdown
 
 
 @dataclass
@@ -71,7 +72,7 @@ class Report:
     files: list[Path] = field(default_factory=list)
 
     def write(self, options: Options, versions: dict[str, str]) -> Path:
-        """NAME.json in the output folder."""
+        """NAME.json in the output folder, and NAME.md: verdicts, tables and notes, to paste."""
         path = options.output / f"{self.name}.json"
         content = {
             "experiment": self.name,
@@ -84,7 +85,15 @@ class Report:
             **self.numbers,
         }
         path.write_text(json.dumps(_plain(content), indent=1, allow_nan=False) + "\n")
-        self.files.insert(0, path)
+        page = Markdown()
+        page.heading(1, self.name + (", a sample" if options.quick else ""))
+        page.listing([str(verdict) for verdict in self.verdicts])
+        for title, (columns, rows) in self.tables.items():
+            page.heading(2, title)
+            page.table(columns, rows)
+        page.listing(self.notes)
+        path.with_suffix(".md").write_text(page.text())
+        self.files[:0] = [path, path.with_suffix(".md")]
         return path
 
 

@@ -369,7 +369,9 @@ COSTS = (
 
 def _number(value: float) -> str:
     """Three digits; what is below a thousandth of a unit as a power of ten."""
-    return "0" if value == 0.0 else f"{value:.3g}" if 1e-3 <= abs(value) < 1e4 else f"{value:.0e}"
+    if 1e3 <= abs(value) < 1e6:
+        return f"{float(f'{value:.3g}'):.0f}"
+    return "0" if value == 0.0 else f"{value:.3g}" if 1e-3 <= abs(value) < 1e3 else f"{value:.0e}"
 
 
 def _tables(numbers: dict[str, Any]) -> dict[str, tuple[list[str], list[list[str]]]]:

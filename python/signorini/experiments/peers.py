@@ -81,11 +81,35 @@ def run(options: Options) -> Report:
         tables[f"{family}: {len(items)} problems"] = (columns, rows)
         verdicts += _verdicts(family, items, solvers, bool(pinocchio), bool(siconos))
         numbers["families"][family]["ratios"] = {v.claim: v.measured for v in verdicts if v.claim.startswith(family)}
+    tables = {"Median ms (solved; median and worst certificate)": _all_families(numbers["families"]), **tables}
     report = Report("peers", numbers, verdicts, tables)
     report.write(options, versions)
     if _plots.available():
         report.files.append(_plot(options, numbers))
     return report
+
+
+def _all_families(families: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
+    """One table of all families, of Siconos' solvers the best of each problem, with ratios of median times."""
+    rows = []
+    for name in next(iter(families.values()))["solvers"]:
+        if name.startswith("siconos-"):
+            continue
+        row = [name]
+        for family in families.values():
+            one = family["solvers"][name]
+            time, relative = one["milliseconds"], one["relative"]
+            known = f"; {relative['median']:.0e}, {relative['max']:.0e}" if relative["count"] else ""
+            row.append(f"{time['median']:.2g} ({one['solved']}{known})" if time["count"] else "none")
+        rows.append(row)
+        beside = {"pinocchio-admm": "ours 1e-6", "siconos best": "ours 1e-8"}.get(name)
+        if beside is not None:
+            row = [f"{name} over {beside}, same problems"]
+            for family in families.values():
+                pairs = [(i["runs"][beside], i["runs"][name]) for i in family["runs"] if i["runs"][name]]
+                row.append(f"{_ratio(pairs):.2g}" if pairs else "")
+            rows.append(row)
+    return ["solver", *(f"{name} ({family['problems']})" for name, family in families.items())], rows
 
 
 def _verdicts(

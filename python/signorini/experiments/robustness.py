@@ -191,6 +191,7 @@ def _report(
             verdicts.append(Verdict(f"{stress}: solved to 1e-8", told, "many have no solution"))
         else:
             verdicts.append(Verdict(f"{stress}: solved to 1e-8", told, "all", not failures))
+    tables = {"Solved; factorisations, median and most": _all_stresses(numbers["stresses"], wanted), **tables}
     report = Report("robustness", numbers, verdicts, tables)
     if options.workers > 1:
         report.notes.append("Several processes ran at once: the times are not to be quoted.")
@@ -198,6 +199,22 @@ def _report(
     if _plots.available():
         report.files.append(_plot(options, items, stresses, wanted))
     return report
+
+
+def _all_stresses(found: dict[str, Any], wanted: tuple[str, ...]) -> tuple[list[str], list[list[str]]]:
+    """One table of all stresses; UNSOLVABLE do not count."""
+    rows = []
+    for stress, families in found.items():
+        aside = sum(bad["name"] in UNSOLVABLE for one in families.values() for bad in one["unsolved"])
+        solved = sum(one["solved"] for one in families.values())
+        none = sum(bad["none"] for one in families.values() for bad in one["unsolved"])
+        told = f"{solved} of {sum(one['problems'] for one in families.values()) - aside}"
+        row = [stress, told + (f"; {none} proven to have no solution" if none else "")]
+        for family in wanted:
+            count = families[family]["factorizations"]
+            row.append(f"{count['median']:.0f}, {count['max']:.0f}")
+        rows.append(row)
+    return ["variant", "solved", *wanted], rows
 
 
 def _plot(options: Options, items: Any, stresses: tuple[str, ...], wanted: tuple[str, ...]) -> Any:

@@ -1,14 +1,14 @@
 """Steps a second of other people's simulators beside ours, and beside each what its steps are worth.
 
 All run the same plain model from the same state; every state they pass through is judged by the same rulers, ours:
-distances between shapes, energy, and where the bodies are, held against a run of ours with far smaller steps. Small
-scenes with a known answer (_trials) say what each engine gives away: creep, sliding, a heavy stack, a bounce.
+distances between shapes, energy, and where the bodies are, held against a run of ours with far smaller steps (_truth).
+One start says little of a chaotic motion: errors are those of several, too (_starts). Small scenes with a known answer
+(_trials) say what each engine gives away: creep, sliding, a heavy stack, a bounce.
 """
 
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,112 +17,28 @@ import numpy as np
 import signorini
 from signorini import engines, scenes
 from signorini.engines import _exchange, _worker
-from signorini.experiments import _plots, _trials
+from signorini.experiments import _plots, _starts, _trials
 from signorini.experiments._report import Options, Report, Verdict
+from signorini.experiments._starts import Start
+from signorini.experiments._truth import EARLY, TIME_STEP, Judge, millimetres, places, reference, short
 
-TIME_STEP = 1e-3
 DURATION, QUICK_DURATION = 2.0, 0.5  # simulated [s]
 ROUNDS, QUICK_ROUNDS = 5, 1
 FINE, QUICK_FINE = 100, 20  # the reference's steps in one of ours
-TOLERANCES = (1e-10, 1e-8, 1e-6)  # of the reference, the first that will do
 LIMIT, QUICK_LIMIT = 60.0, 4.0  # [s] of stepping a run
 LONG = 5.0  # [s] of stepping; what takes longer is not repeated
+STARTS, QUICK_STARTS = 20, 2  # beside the scene's own
+LONG_START = 2.0  # [s] of stepping; what would take longer from one of them is left out
 FRICTION = 0.8
-EARLY = 0.15  # [s]
-PARTED = 0.01  # [m]: two motions this far apart have parted
-BLOCK = _worker.BLOCK
 SAME = 1e-5  # relative: masses that differ by less are the same (links without mass have 1e-6 kg in some engines)
-MUJOCO_GOAL = 1.0  # steps a second over MuJoCo's, elliptic
+GOAL_SCENES = ("ur5", "cassie", "humanoid")  # of the goal: as many steps a second as MuJoCo, at no larger error
 SCENES: dict[str, dict[str, Any]] = {"ur5": {}, "cassie": {}, "humanoid": {}, "cube-stack": {"mass_ratio": 1.0}}
 AT_REST = ("cube-stack",)  # ought to stay where it is: what moves there creeps
 TRIALS = "trials"
 OURS = "ours"
+REFINED = (OURS, "MuJoCo accurate")
+Table = tuple[list[str], list[list[str]]]
 NOT_INSTALLED = _trials.NOT_INSTALLED
-
-
-@dataclass(frozen=True)
-class Judge:
-    """The rulers. reference: positions of the links (times, links, 3) of the fine run; horizon: until when it is known
-    to a millimetre: after that two fine runs of ours have parted, and nobody's error means anything [s]. at_rest: it
-    ought to stay where it is."""
-
-    world: signorini.World
-    reference: Any
-    horizon: float
-    at_rest: bool = False
-
-    def __call__(self, answer: dict[str, Any]) -> dict[str, float | None]:
-        """Of one run: error against the reference early and at the horizon [m], when it parted from it [s], deepest
-        overlap [m], creep: the fastest body over the second half, of a scene at rest [m/s], largest gain of energy and
-        final change [J], loops' largest gap [m]."""
-        states = [(np.array(q), np.array(v)) for q, v in answer["states"]]
-        count = min(len(states), len(self.reference))
-        error = np.array(
-            [np.linalg.norm(places(self.world, states[k][0]) - self.reference[k], axis=1).max() for k in range(count)]
-        )
-        known = min(count - 1, round(self.horizon / (BLOCK * TIME_STEP)))
-        early = round(EARLY / (BLOCK * TIME_STEP))
-        parted = np.flatnonzero(error[: known + 1] > PARTED)
-        overlap = max((-d for q, _ in states for _, _, d in self.world.touching_pairs(q, 0.0)), default=0.0)
-        energies = energy(self.world, states)
-        half = (len(states) - 1) // 2
-        moved = np.linalg.norm(places(self.world, states[-1][0]) - places(self.world, states[half][0]), axis=1).max()
-        gaps = [np.abs(self.world.constraint_gaps(q)).max() for q, _ in states] if self.world.constraints else []
-        return {
-            "error_early": float(error[early]) if early <= known else None,
-            "error_horizon": float(error[known]),
-            "parted": float(parted[0] * BLOCK * TIME_STEP) if parted.size else None,
-            "overlap": max(overlap, 0.0),
-            "creep": float(moved / ((len(states) - 1 - half) * BLOCK * TIME_STEP)) if self.at_rest else None,
-            "energy_gain": float((energies - energies[0]).max()),
-            "energy_change": float(energies[-1] - energies[0]),
-            "loop_gap": float(max(gaps)) if gaps else None,
-        }
-
-
-def places(world: signorini.World, q: Any) -> Any:
-    """(links, 3): origins of all links in the world [m]."""
-    return np.array([frame.translation for frame in world._core.frame_placements(q)[1:]])
-
-
-def energy(world: signorini.World, states: list[tuple[Any, Any]]) -> Any:
-    """Total energy of each state [J]."""
-    simulator = signorini.Simulator(world)
-    out = []
-    for q, v in states:
-        simulator.state.q, simulator.state.v = q, v
-        out.append(simulator.energy.total)
-    return np.array(out)
-
-
-def reference(world: signorini.World, q: Any, duration: float, fine: int) -> tuple[Any, float, float]:
-    """Positions of the links every BLOCK steps of TIME_STEP, with steps fine times smaller; the time until which a run
-    with steps twice as large stays within a millimetre of it [s]; the tolerance of both.
-
-    The tolerance is the first of TOLERANCES with which that time is not short, else that of the longest.
-    """
-    best: tuple[Any, float, float] | None = None
-    for tolerance in TOLERANCES:
-        runs = [_fine(world, q, duration, refinement, tolerance) for refinement in (fine // 2, fine)]
-        apart = np.linalg.norm(runs[0] - runs[1], axis=2).max(axis=1)
-        lost = np.flatnonzero(apart > 1e-3)
-        horizon = (int(lost[0]) - 1 if lost.size else len(apart) - 1) * BLOCK * TIME_STEP
-        if best is None or horizon > best[1]:
-            best = runs[1], horizon, tolerance
-        if horizon >= min(EARLY, duration) - 1e-9:
-            break
-    assert best is not None
-    return best
-
-
-def _fine(world: signorini.World, q: Any, duration: float, refinement: int, tolerance: float) -> Any:
-    simulator = signorini.Simulator(world, time_step=TIME_STEP / refinement, tolerance=tolerance)
-    simulator.state.q = q
-    at = [places(world, simulator.state.q)]
-    for _ in range(round(duration / TIME_STEP / BLOCK)):
-        simulator.run(BLOCK * refinement)
-        at.append(places(world, simulator.state.q))
-    return np.array(at)
 
 
 def mass_error(world: signorini.World, q: Any, answer: dict[str, Any]) -> float:
@@ -188,10 +104,15 @@ def _pair(model: dict[str, Any], a: int, b: int) -> str:
 
 
 def run(
-    options: Options, install: bool = False, only: tuple[str, ...] = (), only_scenes: tuple[str, ...] = ()
+    options: Options,
+    install: bool = False,
+    only: tuple[str, ...] = (),
+    only_scenes: tuple[str, ...] = (),
+    refine: bool = False,
 ) -> Report:
-    """Every scene by every engine that is there, in turns, several rounds, and the trials once; install: those that are
-    not, from PyPI into environments of their own. only: these engines, by name; only_scenes: these scenes."""
+    """Every scene by every engine that is there, in turns, several rounds, then from several starts, and the trials
+    once; install: those that are not, from PyPI into environments of their own. only: these engines, by name;
+    only_scenes: these scenes. refine: from all starts with smaller steps too, ours and MuJoCo accurate."""
     quick = options.quick
     steps = round((QUICK_DURATION if quick else DURATION) / TIME_STEP)
     rounds, fine, limit = (QUICK_ROUNDS, QUICK_FINE, QUICK_LIMIT) if quick else (ROUNDS, FINE, LIMIT)
@@ -213,11 +134,12 @@ def run(
         "time_step": TIME_STEP,
         "duration": steps * TIME_STEP,
         "rounds": rounds,
+        "starts": 1 + (QUICK_STARTS if quick else STARTS),
         "reference": {"time_step": TIME_STEP / fine},
         "friction": FRICTION,
         "scenes": {},
     }
-    tables: dict[str, tuple[list[str], list[list[str]]]] = {}
+    tables: dict[str, Table] = {}
     verdicts: list[Verdict] = []
     work = len(wanted) * (rounds * len(runners) + 1) + len(trials) * len(runners)
     done = 0
@@ -265,7 +187,15 @@ def run(
             "engines": results,
         }
         tables[f"{name}; mm off: against the reference, end: at {judge.horizon:.2f} s"] = _table(results)
-        verdicts += _verdicts(name, results, steps)
+        if name not in AT_REST:
+            options.progress(done, work, f"{name}: other starts")
+            found = _from_starts(numbers, name, model, Start(start.q, judge), runners, pythons, options, refine)
+            for title, rows in found.items():
+                tables[f"{name}, {title}"] = rows
+        verdicts += _verdicts(name, numbers["scenes"][name], steps)
+    if len(numbers["scenes"]) > 1:
+        tables = {"Steps a second, and ours over it": _speeds(numbers["scenes"]), **tables}
+    verdicts += _goal(numbers["scenes"])
     if trials:
         _try(options, trials, runners, pythons, limit, versions, (done, work), numbers, notes)
         tables = {_trials_title(numbers): _trials_table(numbers), **tables}
@@ -380,7 +310,7 @@ READINGS = (
 )
 
 
-def _trials_table(numbers: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
+def _trials_table(numbers: dict[str, Any]) -> Table:
     fast = [name for name in ("humanoid", "cube-stack") if name in numbers["scenes"]]
     columns = ["engine", *(title for title, *_ in READINGS), "passes", *(f"{name} steps/s" for name in fast)]
     rows = []
@@ -408,7 +338,7 @@ def _reading(result: dict[str, Any], key: str, factor: float) -> str:
     value = result[key]
     if value is None:
         return "fails" if result["failed"] else "out of time"
-    return f"{factor * value:+.2g}" if factor == 100.0 else f"{factor * value:.2g}"
+    return ("+" if factor == 100.0 and value > 0.0 else "") + short(factor * value)
 
 
 def _trials_verdicts(numbers: dict[str, Any]) -> list[Verdict]:
@@ -479,10 +409,11 @@ def _least_seconds(answers: list[dict[str, Any]]) -> float:
     return float(np.min([blocks for blocks in whole if len(blocks) == count], axis=0).sum())
 
 
-def _table(results: dict[str, dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
+def _table(results: dict[str, dict[str, Any]]) -> Table:
+    """Without the columns that nobody fills."""
     columns = [
-        "engine", "steps/s", "range", "ours/it", f"mm off {EARLY:g} s", "mm off, end", "1 cm off [s]",
-        "overlap [mm]", "creep [um/s]", "J gained", "J change", "loop [mm]", "model", "certificate",
+        "engine", f"mm off at {EARLY:g} s", "mm off at the end", "1 cm off [s]", "overlap [mm]", "creep [um/s]",
+        "J gained", "J change", "loop gap [mm]", "ours is faster by", "model", "certificate",
     ]  # fmt: skip
     rows = []
     ours = results.get(OURS, {}).get("steps_per_second")
@@ -491,33 +422,85 @@ def _table(results: dict[str, dict[str, Any]]) -> tuple[list[str], list[list[str
             said = NOT_INSTALLED if result["error"] == NOT_INSTALLED else "cannot run"
             rows.append([label, said, *[""] * (len(columns) - 2)])
             continue
-        speed = result["steps_per_second"]
         rows.append(
             [
                 label + (f" ({result['steps']} steps)" if result["stopped"] else ""),
-                f"{speed:.0f}",
-                f"{min(result['speeds']):.0f}-{max(result['speeds']):.0f}",
-                f"{ours / speed:.2f}" if ours else "",
-                _millimetres(result["error_early"]),
-                _millimetres(result["error_horizon"]),
+                millimetres(result["error_early"]),
+                millimetres(result["error_horizon"]),
                 "never" if result["parted"] is None else f"{result['parted']:.2f}",
-                _millimetres(result["overlap"]),
-                "" if result["creep"] is None else f"{1e6 * result['creep']:.2g}",
-                f"{result['energy_gain']:.1e}",
+                millimetres(result["overlap"]),
+                "" if result["creep"] is None else short(1e6 * result["creep"]),
+                f"{result['energy_gain']:.2g}",
                 f"{result['energy_change']:.3g}",
-                _millimetres(result["loop_gap"]),
+                millimetres(result["loop_gap"]),
+                short(ours / result["steps_per_second"]) if ours and label != OURS else "",
                 "differs" if result["differs"] else "same",
                 f"{result['worst_certificate']:.0e}" if "worst_certificate" in result else "",
             ]
         )
-    return columns, rows
+    used = [k for k, column in enumerate(columns) if k < 2 or any(row[k] for row in rows)]
+    return [columns[k] for k in used], [[row[k] for k in used] for row in rows]
 
 
-def _millimetres(value: float | None) -> str:
-    return "" if value is None else f"{1e3 * value:.2g}"
+def _speeds(scenes: dict[str, Any]) -> Table:
+    rows = []
+    for label in next(iter(scenes.values()))["engines"]:
+        row = [label]
+        for scene in scenes.values():
+            theirs = scene["engines"][label].get("steps_per_second")
+            ours = scene["engines"].get(OURS, {}).get("steps_per_second")
+            ratio = f" ({ours / theirs:.2f})" if ours and theirs and label != OURS else ""
+            row.append("" if theirs is None else f"{theirs:.0f}{ratio}")
+        rows.append(row)
+    return ["engine", *scenes], rows
 
 
-def _verdicts(name: str, results: dict[str, dict[str, Any]], steps: int) -> list[Verdict]:
+def _from_starts(
+    numbers: dict[str, Any],
+    name: str,
+    model: dict[str, Any],
+    first: Start,
+    runners: list[tuple[engines.Engine, str]],
+    pythons: dict[str, str | None],
+    options: Options,
+    refine: bool,
+) -> dict[str, Table]:
+    """A scene from its own start and several more by each engine that is not slow; into its numbers: "starts". Of the
+    quick ones ours and MuJoCo alone."""
+    quick, scene = options.quick, numbers["scenes"][name]
+    world, limit = first.judge.world, QUICK_LIMIT if quick else LIMIT
+    others = _starts.draw(world, first.q, QUICK_STARTS if quick else STARTS)
+    fine = QUICK_FINE if quick else FINE
+    starts = [first, *_starts.prepare(world, others, numbers["duration"], fine)]
+    errors: dict[str, list[_starts.Error]] = {}
+    small: dict[str, list[list[_starts.Error]]] = {}
+    for engine, setting in runners:
+        label, python = _label(engine, setting), pythons[engine.name]
+        result = scene["engines"][label]
+        if python is None or "error" in result or result["stopped"] or result["differs"]:
+            continue
+        longest = max(start.steps for start in starts) / result["steps_per_second"]
+        if longest > LONG_START or (quick and engine.name not in ("signorini", "mujoco")):
+            continue
+        errors[label] = _starts.errors(starts, model, (engine, setting), python, limit)
+        if refine and label in REFINED:
+            small[label] = [errors[label]] + [
+                _starts.errors(starts, model, (engine, setting), python, n * limit, n) for n in _starts.REFINEMENTS[1:]
+            ]
+    horizons = [start.judge.horizon for start in starts]
+    found = {label: _starts.summary(many, errors[OURS]) for label, many in errors.items()} if OURS in errors else {}
+    scene["starts"] = {"horizons": horizons, "errors": errors, "summary": found, "refined": small}
+    span = dict.fromkeys((f"{min(horizons):.2f}", f"{max(horizons):.2f}"))
+    tables = {f"{len(starts)} starts; end: of each its own, {' to '.join(span)} s": _starts.table(found)}
+    if small:
+        tables[f"{len(starts)} starts, smaller steps: median mm off, and of the first start"] = _starts.refined(small)
+    return tables
+
+
+def _verdicts(name: str, scene: dict[str, Any], steps: int) -> list[Verdict]:
+    """Every step certified; and beside each setting of MuJoCo as many steps a second at no larger error, by the median
+    over the starts where there are several."""
+    results = scene["engines"]
     ours = results[OURS]
     if "error" in ours:
         return [Verdict(f"{name}: ours runs", ours["error"], "", False)]
@@ -526,15 +509,62 @@ def _verdicts(name: str, results: dict[str, dict[str, Any]], steps: int) -> list
             f"{name}: every step certified", f"{ours['unsolved']} of {steps} not solved", "0", ours["unsolved"] == 0
         )
     ]
-    for label, result in results.items():
-        if not label.startswith("MuJoCo") or "error" in result or result["differs"]:
-            continue
-        ratio = ours["steps_per_second"] / result["steps_per_second"]
-        verdicts.append(Verdict(f"{name}: speed over {label}", f"{ratio:.2f}", ">= 1", ratio >= MUJOCO_GOAL))
-        better = ours["error_horizon"] <= result["error_horizon"]
-        both = f"{_millimetres(ours['error_horizon'])} mm, {_millimetres(result['error_horizon'])} mm"
-        verdicts.append(Verdict(f"{name}: error at the horizon, ours and {label}", both, "ours not larger", better))
+    for label in _beside(scene):
+        ratio, mine, theirs = _held(scene, label)
+        said = f"{ratio:.2f} times the steps/s; at the end {millimetres(mine)} mm off, it {millimetres(theirs)}"
+        found = scene.get("starts", {}).get("summary", {})
+        if label in found:
+            own = f"{millimetres(ours['error_horizon'])} mm, it {millimetres(results[label]['error_horizon'])}"
+            said += f" (median of {found[label]['count']} starts; the scene's own: {own})"
+        met = ratio >= 1.0 and mine <= theirs
+        verdicts.append(Verdict(f"{name}: steps/s of {label} or more, at no larger error", said, "both", met))
+        if label in found:
+            early, it = found[OURS]["early"]["median"], found[label]["early"]["median"]
+            if early is not None and it is not None:
+                both = f"{millimetres(early)} mm, {millimetres(it)} mm"
+                near = early <= it + _starts.AS_NEAR
+                verdicts.append(
+                    Verdict(f"{name}: median error at {EARLY:g} s, ours and {label}", both, "ours not larger", near)
+                )
     return verdicts
+
+
+def _beside(scene: dict[str, Any]) -> list[str]:
+    """The settings of MuJoCo that ran the same model."""
+    return [
+        label
+        for label, result in scene["engines"].items()
+        if label.startswith("MuJoCo") and "error" not in result and not result["differs"]
+    ]
+
+
+def _held(scene: dict[str, Any], label: str) -> tuple[float, float, float]:
+    """Our steps a second over an engine's; our error at the end and its: the medians over the starts, else of the one
+    [m]."""
+    ours, it = scene["engines"][OURS], scene["engines"][label]
+    found = scene.get("starts", {}).get("summary", {})
+    mine, theirs = ours["error_horizon"], it["error_horizon"]
+    if label in found:
+        mine, theirs = (found[key]["end"]["median"] for key in (OURS, label))
+    return ours["steps_per_second"] / it["steps_per_second"], mine, np.inf if theirs is None else theirs
+
+
+def _goal(scenes: dict[str, Any]) -> list[Verdict]:
+    """On all of GOAL_SCENES; only where they all ran, and MuJoCo too."""
+    there = {
+        name: scenes[name] for name in GOAL_SCENES if name in scenes and "error" not in scenes[name]["engines"][OURS]
+    }
+    if len(there) < len(GOAL_SCENES) or not all(_beside(scene) for scene in there.values()):
+        return []
+    held = {f"{name}, {label}": _held(scene, label) for name, scene in there.items() for label in _beside(scene)}
+    bad = [one for one, (ratio, mine, theirs) in held.items() if ratio < 1.0 or mine > theirs]
+    worse = [one for one, (ratio, mine, theirs) in held.items() if ratio < 1.0 and mine > theirs]
+    said = f"{len(held) - len(bad)} of {len(held)}" + (f"; not: {'; '.join(bad)}" if bad else "")
+    claim = f"at or above MuJoCo in steps/s on {', '.join(GOAL_SCENES)} at equal or better accuracy"
+    return [
+        Verdict(claim, said, "every setting on all", not bad),
+        Verdict("settings of MuJoCo that are faster and nearer than ours, both", "; ".join(worse) or "none"),
+    ]
 
 
 def _plot(numbers: dict[str, Any], path: Path) -> Path:

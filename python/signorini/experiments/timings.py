@@ -256,6 +256,8 @@ def run(options: Options, write_to: Path | None = None) -> Report:
         tables[title] = (_COLUMNS, _table(numbers["scenes"][scene]["solvers"]))
         verdicts += _verdicts(scene, numbers["scenes"][scene]["solvers"])
     options.progress(total, total, "")
+    if tables:
+        tables = {"Median, 99th percentile [ms] (solved)": _all_scenes(numbers["scenes"], list(tables)), **tables}
     report = Report("timings", numbers, verdicts, tables, notes)
     report.write(options, versions)
     if _plots.available() and numbers["scenes"]:
@@ -307,6 +309,19 @@ def _table(found: dict[str, dict[str, Any]]) -> list[list[str]]:
         ]
         for key, one in found.items()
     ]
+
+
+def _all_scenes(found: dict[str, Any], titles: list[str]) -> tuple[list[str], list[list[str]]]:
+    """One table of all scenes, with the share that is solved where it is not all."""
+    rows = []
+    for key in next(iter(found.values()))["solvers"]:
+        row = [key]
+        for scene in found.values():
+            one = scene["solvers"][key]
+            share = "" if one["share_solved"] == 1.0 else f" ({100 * one['share_solved']:.1f} %)"
+            row.append(f"{one['milliseconds']['median']:.3g}, {one['milliseconds']['p99']:.3g}{share}")
+        rows.append(row)
+    return ["solver, start", *titles], rows
 
 
 def _verdicts(scene: str, found: dict[str, dict[str, Any]]) -> list[Verdict]:

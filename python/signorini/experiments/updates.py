@@ -89,12 +89,26 @@ def run(options: Options) -> Report:
                 )
         columns = ["rule", "updates", "paper", "ms", "paper (M1 Max)", "reach (43)", "median cert.", "worst cert."]
         tables[f"{family}: {len(items)} problems"] = (columns, rows)
+    tables = {"Updates, ours / paper's": _all_families(numbers["families"], names), **tables}
     report = Report("updates", numbers, verdicts, tables)
     report.notes.append("Other problems than FCLIB's own and another processor: compare the rules with each other.")
     report.write(options, {})
     if _plots.available():
         report.files.append(_plot(options, numbers, names))
     return report
+
+
+def _all_families(families: dict[str, Any], names: list[str]) -> tuple[list[str], list[list[str]]]:
+    rows = []
+    for name in names:
+        row = [name]
+        for family in families.values():
+            one = family["rules"][name]
+            ours, (mean, deviation) = one["updates"], one["paper_updates"]
+            paper = f" / {mean:.1f} ± {deviation:.1f}" if np.isfinite(mean) else ""
+            row.append(f"{ours['mean']:.1f} ± {ours['std']:.1f}{paper}")
+        rows.append(row)
+    return ["rule", *(f"{name} ({family['problems']})" for name, family in families.items())], rows
 
 
 def _plot(options: Options, numbers: dict[str, Any], names: list[str]) -> Any:
