@@ -37,6 +37,8 @@ class MassSpaceSystem final : public ScaledDelassus {
   bool reduces() const override { return true; }
   bool factor_reduced(const std::vector<ReducedSet>& sets, double delta) override;
   void solve_reduced(VectorRef rhs) const override;
+  Eigen::Matrix3d diagonal_block(Index set) const override;
+  void add_columns(Index set, const double* x, double* y) const override;
 
  private:
   /// Rows of one set times the columns of one block of velocities: a dense piece of Js.
@@ -50,6 +52,12 @@ class MassSpaceSystem final : public ScaledDelassus {
     Index value;
   };
 
+  /// A block of A in the columns of one set.
+  struct ColumnBlock {
+    int set;             // of its rows
+    std::size_t values;  // column-major
+  };
+
   /// A set of the reduced system: its kind and the inverse of its block of D, damping + delta + weight.
   struct Reduced {
     ReducedSet::Kind kind;
@@ -59,6 +67,7 @@ class MassSpaceSystem final : public ScaledDelassus {
 
   bool factor(const BlockDiagonal& x, const BlockDiagonal* y);
   void assemble();
+  void make_columns() const;
   void multiply_transposed(const Vector& r, Vector& w) const;  // w = Js' r
   void add_product(const Vector& w, VectorRef y) const;        // y += Js w
   void solve_reduced_once(const Vector& r, Vector& x) const;
@@ -79,6 +88,10 @@ class MassSpaceSystem final : public ScaledDelassus {
   std::vector<Index> mass_target_;
   std::vector<int> mass_outer_, mass_inner_, jacobian_outer_, jacobian_inner_;
   SparseMatrix inverse_;  // M^-1 Js'
+  // A, set by set, made when asked for.
+  mutable std::vector<ColumnBlock> column_blocks_;
+  mutable std::vector<std::size_t> first_column_block_;
+  mutable std::vector<double> column_values_;
   BlockDiagonal x_inverse_, y_, c_;
   int sign_ = 0;
   std::vector<Reduced> reduced_;
@@ -216,12 +229,80 @@ void MassSpaceSystem::setup(const SparseMatrix& mass, const SparseMatrix& jacobi
     for (SparseMatrix::InnerIterator it(mass, c); it; ++it) mass_values_[mass_target_[k++]] = it.value();
   inverse_ = inverse_mass_jacobian * scale.asDiagonal();
   damping_ = compliance.cwiseProduct(scale).cwiseProduct(scale);
+  first_column_block_.clear();
 }
 
 void MassSpaceSystem::apply(const ConstVectorRef& x, VectorRef y) const {
   w_.noalias() = inverse_ * x;
   y = damping_.cwiseProduct(x);
   add_product(w_, y);
+}
+
+void MassSpaceSystem::make_columns() const {
+  std::vector<Eigen::Triplet<double>> entries;
+  entries.reserve(js_.size());
+  for (const Piece& piece : pieces_) {
+    const double* j = js_.data() + piece.values;
+    for (int c = 0; c < block_sizes_[piece.block]; ++c)
+      for (int r = 0; r < set_sizes_[piece.set]; ++r)
+        entries.emplace_back(set_offsets_[piece.set] + r, block_offsets_[piece.block] + c, *j++);
+  }
+  SparseMatrix js(size(), inverse_.rows());
+  js.setFromTriplets(entries.begin(), entries.end());
+  const SparseMatrix a = js * inverse_;
+  std::vector<int> set_of(static_cast<std::size_t>(size())), last(set_sizes_.size(), -1);
+  std::vector<std::size_t> place(set_sizes_.size());
+  for (std::size_t i = 0; i < set_sizes_.size(); ++i)
+    for (int r = 0; r < set_sizes_[i]; ++r) set_of[set_offsets_[i] + r] = static_cast<int>(i);
+  column_blocks_.clear(), first_column_block_.clear(), column_values_.clear();
+  for (int i = 0; i < static_cast<int>(set_sizes_.size()); ++i) {
+    first_column_block_.push_back(column_blocks_.size());
+    for (int c = 0; c < set_sizes_[i]; ++c)
+      for (SparseMatrix::InnerIterator it(a, set_offsets_[i] + c); it; ++it) {
+        const int k = set_of[it.row()];
+        if (last[k] != i) {
+          last[k] = i;
+          place[k] = column_values_.size();
+          column_blocks_.push_back({k, place[k]});
+          column_values_.resize(place[k] + static_cast<std::size_t>(set_sizes_[k]) * set_sizes_[i], 0.0);
+        }
+        const int r = static_cast<int>(it.row()) - set_offsets_[k];
+        column_values_[place[k] + static_cast<std::size_t>(c * set_sizes_[k] + r)] =
+            it.value() + (k == i && r == c ? damping_[it.row()] : 0.0);
+      }
+  }
+  first_column_block_.push_back(column_blocks_.size());
+}
+
+Eigen::Matrix3d MassSpaceSystem::diagonal_block(Index set) const {
+  if (first_column_block_.empty()) make_columns();
+  Eigen::Matrix3d block = Eigen::Matrix3d::Zero();
+  const int size = set_sizes_[set];
+  for (std::size_t k = first_column_block_[set]; k < first_column_block_[set + 1]; ++k) {
+    if (column_blocks_[k].set != set) continue;
+    const double* a = column_values_.data() + column_blocks_[k].values;
+    for (int c = 0; c < size; ++c)
+      for (int r = 0; r < size; ++r) block(r, c) = *a++;
+  }
+  return block;
+}
+
+void MassSpaceSystem::add_columns(Index set, const double* x, double* y) const {
+  if (first_column_block_.empty()) make_columns();
+  const int columns = set_sizes_[set];
+  for (std::size_t k = first_column_block_[set]; k < first_column_block_[set + 1]; ++k) {
+    const ColumnBlock& block = column_blocks_[k];
+    const double* a = column_values_.data() + block.values;
+    double* to = y + set_offsets_[block.set];
+    if (columns == 3 && set_sizes_[block.set] == 3) {
+      to[0] += a[0] * x[0] + a[3] * x[1] + a[6] * x[2];
+      to[1] += a[1] * x[0] + a[4] * x[1] + a[7] * x[2];
+      to[2] += a[2] * x[0] + a[5] * x[1] + a[8] * x[2];
+      continue;
+    }
+    for (int c = 0; c < columns; ++c)
+      for (int r = 0; r < set_sizes_[block.set]; ++r) to[r] += *a++ * x[c];
+  }
 }
 
 void MassSpaceSystem::add_product(const Vector& w, VectorRef y) const {

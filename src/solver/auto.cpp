@@ -40,6 +40,7 @@ constexpr int kFinish = 3, kLateFinish = 6, kLastFinish = 12;
 constexpr int kLate = 25;  // interior-point iterations after which Newton tries earlier
 constexpr double kLateFactor = 100.0;
 constexpr int kPatience = 15, kSteps = 60;
+constexpr double kMargin = 0.5, kLargeMargin = 0.9;  // of the tolerance, for an island; the latter for a large one
 constexpr int kLarge = 250;  // sets beyond which the interior point only has to come near, for repair() to go on
 // Continuation in friction: factors to begin with, by how much the factor grows, factorisations granted.
 constexpr double kFrictionStarts[] = {0.3, 0.1, 0.01};
@@ -475,12 +476,14 @@ class Ladder {
   }
 
   bool proximal_newton(const GrowVector& from, int max_factorizations, double weight = kWeight) {
-    return proximal_newton(from, max_factorizations, weight, large() ? kLargeProximalPatience : kProximalPatience);
+    if (!large()) return proximal_newton(from, max_factorizations, weight, kProximalPatience);
+    return proximal_newton(from, max_factorizations, weight, kLargeProximalPatience, &w_.sweeps);
   }
-  bool proximal_newton(const GrowVector& from, int max_factorizations, double weight, int patience) {
+  bool proximal_newton(const GrowVector& from, int max_factorizations, double weight, int patience,
+                       BlockSweeps* sweeps = nullptr) {
     w_.newton.l = from;
-    const NewtonResult result =
-        proximal_newton_iterations(problem_, tolerance_, weight, max_factorizations, patience, w_.newton, observer());
+    const NewtonResult result = proximal_newton_iterations(problem_, tolerance_, weight, max_factorizations, patience,
+                                                           w_.newton, observer(), sweeps);
     return take(result);
   }
 
@@ -590,8 +593,8 @@ double island_residual(const ContactProblem& problem, const int* members, int co
 
 void solve_islands(const ContactProblem& problem, const Settings& settings, AutoWorkspace& w, const Guess* guess,
                    bool may_repair, Solution& solution) {
-  const double tolerance = 0.5 * settings.tolerance;
-  const double aim = std::min(settings.aim > 0.0 ? settings.aim : kAim * settings.tolerance, tolerance);
+  const double aim =
+      std::min(settings.aim > 0.0 ? settings.aim : kAim * settings.tolerance, kMargin * settings.tolerance);
   solution.impulse.setZero(problem.size());
   solution.velocity.resize(problem.size());
   solution.solver = SolverType::Auto;
@@ -618,6 +621,7 @@ void solve_islands(const ContactProblem& problem, const Settings& settings, Auto
   Recorder recorder(problem, settings, solution);
   for (int k = 0; k < num_islands; ++k) {
     const int *members = w.members.data() + w.first[k], count = w.first[k + 1] - w.first[k];
+    const double tolerance = (may_repair && count > kLarge ? kLargeMargin : kMargin) * settings.tolerance;
     if (guess && num_islands > 1) {
       const double share_weight = aim / Residual::largest_share(aim);
       if (island_residual(problem, members, count, settings.law, share_weight, solution.impulse, solution.velocity) <=

@@ -14,12 +14,15 @@ double inverse_or_zero(double x) { return x > 0.0 ? 1.0 / x : 0.0; }
 
 }  // namespace
 
-void BlockSweeps::start(const ScaledProblem& problem, const GrowVector* start) {
+void BlockSweeps::start(const ScaledProblem& problem, const GrowVector* start, double weight,
+                        const GrowVector* centre) {
+  weight_ = weight;
   const Index num_sets = problem.sets.num_sets();
   sets_.resize(static_cast<std::size_t>(num_sets));
   for (Index i = 0; i < num_sets; ++i) {
     Set& s = sets_[static_cast<std::size_t>(i)];
     s.block = problem.system->diagonal_block(i);
+    s.block.diagonal().array() += weight;
     if (problem.sets[i].size() == 1) {
       s.normal = inverse_or_zero(s.block(0, 0));
       continue;
@@ -34,9 +37,11 @@ void BlockSweeps::start(const ScaledProblem& problem, const GrowVector* start) {
     problem.sets.project(*start, l_);
     problem.system->apply(l_, t_);
     t_ += problem.b;
+    if (centre) t_ += weight * (l_ - *centre);
   } else {
     l_.setZero(problem.size());
     t_ = problem.b;
+    if (centre) t_ -= weight * *centre;
   }
 }
 
@@ -59,6 +64,7 @@ void BlockSweeps::sweep(const ScaledProblem& problem) {
     const double change = x - l;
     if (change == 0.0) continue;
     l = x;
+    t_[set.offset] += weight_ * change;
     problem.system->add_columns(i, &change, t_.data());
   }
 }
@@ -95,7 +101,7 @@ void BlockSweeps::visit_contact(const ScaledProblem& problem, Index i) {
   slipping_ += slips, pressing_ += x[2] > 0.0;
   const double change[3] = {x[0] - l[0], x[1] - l[1], x[2] - l[2]};
   if (change[0] == 0.0 && change[1] == 0.0 && change[2] == 0.0) return;
-  for (int k = 0; k < 3; ++k) l[k] = x[k];
+  for (int k = 0; k < 3; ++k) l[k] = x[k], t_[set.offset + k] += weight_ * change[k];
   problem.system->add_columns(i, change, t_.data());
 }
 

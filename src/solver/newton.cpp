@@ -16,7 +16,7 @@ namespace {
 
 constexpr int kWatch = 5;  // residuals that the nonmonotone line search looks back on
 constexpr int kMaxHalvings = 10;
-constexpr int kActiveHalvings = 6;
+constexpr int kActiveHalvings = 6, kSweptHalvings = 1;
 constexpr double kSmallestActiveDelta = 1e-9;
 constexpr double kStickDelta = 1e-7;
 constexpr int kChords = 4;          // steps with one factor after the first
@@ -26,7 +26,12 @@ constexpr double kLeastGain = 0.3;  // what an iteration must leave, once the to
 // how the weight moves.
 constexpr double kLargestWeight = 1.0, kProximalGain = 0.3, kConverged = 0.3, kHarder = 10.0, kEasier = 0.5;
 constexpr int kProximalSteps = 15, kFewSteps = 4;
-constexpr double kSameDirection = 0.9;  // cosine between two proximal steps beyond which the second one is doubled
+// With sweeps: iterations of an inner solve, what a step has to leave of the residual to be swept, and how many sweeps:
+// one for so many sets, which costs less than a factorisation.
+constexpr int kSweptSteps = 5, kLeastSmoothing = 10, kMostSmoothing = 60;
+constexpr double kSweptLeft = 0.3, kSetsPerSweep = 40.0;
+constexpr double kLeastSweptWeight = 1e-4;  // below it Gauss-Seidel takes too many sweeps to smooth anything
+constexpr double kSameDirection = 0.9;      // cosine between two proximal steps beyond which the second one is doubled
 constexpr double kLargestDelta = 1e-2, kSmallestDelta = 1e-7, kDeltaFactor = 0.1;
 
 /// X = (I - D) + delta D C and Y = D C of every set (T28 to T31).
@@ -297,7 +302,7 @@ NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance
 
 NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, double aim, int max_iterations,
                                       NewtonMemory& m, const IterateObserver& observe, double weight,
-                                      const GrowVector* centre, const ActiveSearch& search) {
+                                      const GrowVector* centre, const ActiveSearch& search, BlockSweeps* sweeps) {
   const NoMalloc guard;
   NewtonResult result;
   const auto evaluate = [&](const GrowVector& l, GrowVector& t, GrowVector& natural) {
@@ -344,17 +349,30 @@ NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, 
     if (!problem.system->factor_reduced(m.reduced, delta)) break;
     find_direction();
 
-    const double reference = *std::max_element(merits, merits + kWatch);
+    const double merit = m.natural.norm(), reference = *std::max_element(merits, merits + kWatch);
+    const int most_halvings = sweeps ? kSweptHalvings : kActiveHalvings;
     double step = 1.0;
     for (int halvings = 0;; ++halvings, step *= 0.5) {
       m.trial = m.l + step * m.direction;
       const double tried = evaluate(m.trial, m.trial_t, m.trial_natural);
-      if (m.trial_natural.norm() <= (1.0 - 1e-4 * step) * reference || halvings == kActiveHalvings) {
+      if (m.trial_natural.norm() <= (1.0 - 1e-4 * step) * reference || halvings == most_halvings) {
         accept(tried);
         break;
       }
     }
     if (std::isnan(relative)) break;
+    if (sweeps && relative > aim && m.natural.norm() > kSweptLeft * merit) {
+      sweeps->start(problem, &m.l, weight, centre);
+      const double count = std::floor(static_cast<double>(problem.sets.num_sets()) / kSetsPerSweep);
+      const int num_sweeps = static_cast<int>(std::clamp<double>(count, kLeastSmoothing, kMostSmoothing));
+      for (int k = 0; k < num_sweeps; ++k) sweeps->sweep(problem);
+      m.trial = sweeps->impulse(), m.trial_t = sweeps->velocity();
+      const double swept = natural_residual(problem, Law::Ncp, m.trial, m.trial_t, m.trial_natural);
+      if (m.trial_natural.norm() < m.natural.norm()) {
+        accept(swept);
+        continue;
+      }
+    }
     // Again with the same factor, as long as that gains.
     for (int chord = 0; step == 1.0 && chord < kChords && relative > aim; ++chord) {
       find_direction();
@@ -399,7 +417,9 @@ bool stick_everywhere(ScaledProblem& problem, NewtonMemory& m) {
 }
 
 NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance, double weight, int max_factorizations,
-                                        int patience, NewtonMemory& m, const IterateObserver& observe) {
+                                        int patience, NewtonMemory& m, const IterateObserver& observe,
+                                        BlockSweeps* sweeps) {
+  if (sweeps) sweeps->start(problem, &m.l);  // allocates
   const NoMalloc guard;
   NewtonResult result;
   const auto evaluate = [&](const GrowVector& l) {
@@ -417,10 +437,12 @@ NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance
   while (since < patience && result.relative > tolerance && result.factorizations < max_factorizations &&
          weight <= kLargestWeight) {
     const double target = std::max(kProximalGain * relative, 0.1 * tolerance);
-    const int most = std::min(kProximalSteps, max_factorizations - result.factorizations);
+    BlockSweeps* smoother = weight >= kLeastSweptWeight ? sweeps : nullptr;
+    const int most = std::min(smoother ? kSweptSteps : kProximalSteps, max_factorizations - result.factorizations);
     m.l = m.centre;
-    const NewtonResult inner = active_newton_iterations(
-        problem, target, target, most, m, observe ? IterateObserver(watch) : IterateObserver(), weight, &m.centre);
+    const NewtonResult inner =
+        active_newton_iterations(problem, target, target, most, m, observe ? IterateObserver(watch) : IterateObserver(),
+                                 weight, &m.centre, {}, smoother);
     ++result.iterations;
     result.factorizations += inner.factorizations;
     const double now = evaluate(m.best);

@@ -6,18 +6,20 @@
 
 namespace signorini {
 
-/// Projected Gauss-Seidel on a scaled problem of the NCP whose A is at hand (ScaledDelassus::reduces), a set at a time,
-/// with a few steps at each visit: cheap first steps for `auto`, a tenth of a Newton iteration each (docs/auto.md). The
-/// velocity is kept up to date, so that the certificate costs no product. Nothing allocates for sizes already seen.
+/// Projected Gauss-Seidel on a scaled problem of the NCP (ScaledDelassus::reduces), a set at a time, with a few steps
+/// at each visit: cheap first steps for `auto`, a tenth of a Newton iteration each, and between those of proximal
+/// Newton (docs/auto.md). The velocity is kept up to date, so that the certificate costs no product. Nothing allocates
+/// for sizes already seen.
 class BlockSweeps {
  public:
-  /// From `start`, projected on K; from 0 without one.
-  void start(const ScaledProblem& problem, const GrowVector* start);
+  /// From `start`, projected on K; from 0 without one. centre: of the problem with A + weight I and b - weight centre.
+  void start(const ScaledProblem& problem, const GrowVector* start, double weight = 0.0,
+             const GrowVector* centre = nullptr);
   void sweep(const ScaledProblem& problem);
   /// The certificate of impulse().
   double relative(const ScaledProblem& problem);
   const GrowVector& impulse() const { return l_; }
-  const GrowVector& velocity() const { return t_; }  ///< A impulse() + b
+  const GrowVector& velocity() const { return t_; }  ///< A impulse() + b + weight (impulse() - centre)
   /// Whether a contact slipped in the last sweep.
   bool slips() const { return slipping_ > 0; }
   /// Whether at most a quarter of those that pressed did.
@@ -31,7 +33,8 @@ class BlockSweeps {
   };
   void visit_contact(const ScaledProblem& problem, Index i);
 
-  GrowVector l_, t_, natural_;  ///< impulse, its velocity A l + b, residual
+  GrowVector l_, t_, natural_;  ///< impulse, its velocity, residual
+  double weight_ = 0.0;
   int slipping_ = 0, pressing_ = 0;
   std::vector<Set, Eigen::aligned_allocator<Set>> sets_;
 };

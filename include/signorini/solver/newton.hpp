@@ -4,6 +4,7 @@
 #include <limits>
 #include <vector>
 
+#include "signorini/solver/block_sweeps.hpp"
 #include "signorini/solver/scaled_problem.hpp"
 #include "signorini/solver/solution.hpp"
 
@@ -45,10 +46,11 @@ struct ActiveSearch {
 /// docs/theory.md): smaller systems, and symmetric ones where nothing slips. Made for warm starts: from memory.l, a
 /// factor is used again while it gains, so that the answer is often far better than `tolerance`; stops at `aim` <=
 /// tolerance, or at the tolerance once a step gains nothing. For systems that reduce() only.
-/// centre: of the problem with A + weight I and b - weight centre instead.
+/// centre: of the problem with A + weight I and b - weight centre instead; sweeps: smooth what its steps leave.
 NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, double aim, int max_iterations,
                                       NewtonMemory& memory, const IterateObserver& observe = {}, double weight = 0.0,
-                                      const GrowVector* centre = nullptr, const ActiveSearch& search = {});
+                                      const GrowVector* centre = nullptr, const ActiveSearch& search = {},
+                                      BlockSweeps* sweeps = nullptr);
 
 /// memory.l: the impulse with which every contact sticks and every bound acts, one linear system. False when that is
 /// singular. For systems that reduce() only.
@@ -59,9 +61,11 @@ constexpr int kProximalPatience = 60;
 /// Proximal point method on the NCP: each step solves, by active_newton_iterations(), the problem with a quadratic term
 /// that holds the impulse near the last one. Far more robust than Newton alone where redundant contacts leave the
 /// impulse nearly free. For systems that reduce() only. weight: of that term in the first step. patience:
-/// factorisations without halving the residual after which it gives up.
+/// factorisations without halving the residual after which it gives up. sweeps: for large islands, where some contact
+/// changes its state in nearly every step and would shorten it for all: full steps, smoothed by Gauss-Seidel.
 NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance, double weight, int max_factorizations,
-                                        int patience, NewtonMemory& memory, const IterateObserver& observe = {});
+                                        int patience, NewtonMemory& memory, const IterateObserver& observe = {},
+                                        BlockSweeps* sweeps = nullptr);
 
 struct NewtonWorkspace {
   ScaledProblem problem;
