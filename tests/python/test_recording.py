@@ -420,7 +420,7 @@ def test_scenes_are_listed():
         assert name in result.output
 
 
-def driven_sled(**options):
+def driven_sled(rate=1.0):
     from signorini import Box, Joint, WorldBuilder
     from signorini.scenes import Start
 
