@@ -322,6 +322,9 @@ BOOST_AUTO_TEST_CASE(no_corner_of_a_plate_is_left_out) {
       BOOST_TEST((points.empty() || least <= least_distance(points) + 1e-6));
     }
   }
+  // One that gives way would have a spring more at each.
+  Detector soft({{Shape::half_space(), 0, {}}, {Shape::convex(plate), 1, {}, true}}, {{0, 1}});
+  BOOST_TEST(soft.detect({Placement(), Placement()}).size() == 4u);
 }
 
 BOOST_AUTO_TEST_CASE(deep_overlaps) {
