@@ -1059,25 +1059,27 @@ bool Assembler::select_violated(const ConstVectorRef& impulse, Law law, VectorRe
   if (selection_.size() == sets_.size()) return false;
   dynamics_->twists(velocity_, twists_);
   const std::size_t before = selection_.size();
+  const auto joins = [&](std::size_t i) {
+    const Set& set = sets_[i];
+    return is_moment(set) ? std::binary_search(selection_.begin() + static_cast<std::ptrdiff_t>(before),
+                                               selection_.end(), set.index)
+                          : violated(set, sigma.data() + set.start, law);
+  };
+  bool spare = false;
   for (std::size_t i = 0; i < sets_.size(); ++i) {
     const Set& set = sets_[i];
     if (set.offset >= 0) continue;
     double* own = sigma.data() + set.start;
     set_velocity(set, velocity_, twists_, own);
     own[set.rows - 1] += set.correction;
+    spare = spare || set.spare;
+    if (!set.spare && joins(i)) selection_.push_back(static_cast<int>(i));
   }
   // Spare contacts only where nothing else is violated: with that they may not be.
-  for (const bool spare : {false, true}) {
-    if (selection_.size() > before) break;
-    for (std::size_t i = 0; i < sets_.size(); ++i) {
-      const Set& set = sets_[i];
-      if (set.offset >= 0 || (set.source == SetSource::Contact && set.spare != spare)) continue;
-      const bool joins = is_moment(set) ? std::binary_search(selection_.begin() + static_cast<std::ptrdiff_t>(before),
-                                                             selection_.end(), set.index)
-                                        : violated(set, sigma.data() + set.start, law);
-      if (joins) selection_.push_back(static_cast<int>(i));
-    }
-  }
+  if (spare && selection_.size() == before)
+    for (std::size_t i = 0; i < sets_.size(); ++i)
+      if (sets_[i].offset < 0 && (sets_[i].spare || is_moment(sets_[i])) && joins(i))
+        selection_.push_back(static_cast<int>(i));
   if (selection_.size() == before) return false;
   std::sort(selection_.begin(), selection_.end());
   write_problem();

@@ -553,7 +553,7 @@ struct Detector::Impl {
     // where it is on the box: the frame in which it moved less counts.
     std::array<std::array<double, Manifold::kMost>, Manifold::kMost> moved;
     std::array<int, Manifold::kMost> heir, parent;  // of old, of new
-    heir.fill(-1), parent.fill(-1);
+    std::fill_n(heir.begin(), old_size, -1), std::fill_n(parent.begin(), manifold.count, -1);
     const double farthest = settings.match_distance * settings.match_distance;
     bool clear = true;  // each has another nearest, so that the order does not matter
     for (int i = 0; i < manifold.count; ++i) {
@@ -567,7 +567,7 @@ struct Detector::Impl {
       clear = clear && heir[parent[i]] < 0;
       heir[parent[i]] = i;
     }
-    if (!clear) heir.fill(-1), parent.fill(-1);
+    if (!clear) std::fill_n(heir.begin(), old_size, -1), std::fill_n(parent.begin(), manifold.count, -1);
     for (int round = clear ? 0 : std::min(manifold.count, old_size); round > 0; --round) {
       double least = farthest;
       int best_i = -1, best_j = -1;
