@@ -14,7 +14,11 @@ namespace {
 // [m, rad] A gap below counts as touching, with the same slope as an overlap: with two slopes meeting at 0, rounding
 // would make the points of a resting face contradict each other.
 constexpr double kTouching = 1e-7;
+// [m] A spare contact joins when it would sink in by more: what rounding and the tolerance leave between the corners of
+// one face is less, and rows beyond four gain nothing there.
+constexpr double kSpareSlack = 0.1 * kTouching;
 constexpr double kSamePoint = 1e-5;  // [m] contact points nearer than this are the same, whoever found them
+constexpr double kCorrectionTime = 1e-3;  // [s] shorter steps take back less of an overlap: at the same speed, not a faster one
 constexpr double kRounding = 1e-12;  // of an impulse: where loads are all 0, their speeds still change by this share
 constexpr double kFirstLoadStep = 1.5, kLongestLoadStep = 64.0;
 constexpr double kRedundant = 1e-4;  // (S19)
@@ -305,7 +309,7 @@ void Assembler::build_loop_rows(Set& first) {
 }
 
 double Assembler::rigid_correction(double gap) const {
-  const double share = settings_.baumgarte;
+  const double share = settings_.baumgarte * std::min(1.0, settings_.time_step / kCorrectionTime);
   if (gap >= kTouching) return (gap - (1.0 - share) * kTouching) / settings_.time_step;
   return std::max(share * gap / settings_.time_step, -settings_.max_correction_speed);
 }
@@ -337,6 +341,7 @@ void Assembler::add_contacts(const std::vector<ContactPoint>& contacts) {
     set.point_a = set.point_b = contact.position;
     if (contact.swept) set.point_a -= contact.way_a, set.point_b -= contact.way_b;
     set.gap = contact.distance;
+    set.spare = contact.spare;
     set_spring(set, contact.distance, set.material.stiffness / contact.patch_size,
                set.material.damping / contact.patch_size, true);
   }
@@ -971,7 +976,7 @@ bool Assembler::violated(const Set& set, const double* sigma, Law law) const {
   if (is_moment(set)) return false;  // comes with its contact
   if (set.source != SetSource::Contact) return sigma[0] < 0.0;
   const double sliding = law == Law::Ccp ? set.material.friction * std::hypot(sigma[0], sigma[1]) : 0.0;
-  return sigma[2] < sliding;
+  return sigma[2] < sliding - (set.spare ? kSpareSlack / settings_.time_step : 0.0);
 }
 
 void Assembler::write_problem() {
@@ -1042,7 +1047,7 @@ void Assembler::select(const ConstVectorRef& guess, Law law) {
       acts = std::binary_search(selection_.begin(), selection_.end(), set.index);
     else
       for (int r = 0; r < set.rows; ++r) acts = acts || guess[set.start + r] != 0.0;
-    if (acts || violated(set, g_.data() + set.start, law)) selection_.push_back(static_cast<int>(i));
+    if (acts || (!set.spare && violated(set, g_.data() + set.start, law))) selection_.push_back(static_cast<int>(i));
   }
   write_problem();
 }
@@ -1055,17 +1060,27 @@ bool Assembler::select_violated(const ConstVectorRef& impulse, Law law, VectorRe
   if (selection_.size() == sets_.size()) return false;
   dynamics_->twists(velocity_, twists_);
   const std::size_t before = selection_.size();
+  const auto joins = [&](std::size_t i) {
+    const Set& set = sets_[i];
+    return is_moment(set) ? std::binary_search(selection_.begin() + static_cast<std::ptrdiff_t>(before),
+                                               selection_.end(), set.index)
+                          : violated(set, sigma.data() + set.start, law);
+  };
+  bool spare = false;
   for (std::size_t i = 0; i < sets_.size(); ++i) {
     const Set& set = sets_[i];
     if (set.offset >= 0) continue;
     double* own = sigma.data() + set.start;
     set_velocity(set, velocity_, twists_, own);
     own[set.rows - 1] += set.correction;
-    const bool joins = is_moment(set) ? std::binary_search(selection_.begin() + static_cast<std::ptrdiff_t>(before),
-                                                           selection_.end(), set.index)
-                                      : violated(set, own, law);
-    if (joins) selection_.push_back(static_cast<int>(i));
+    spare = spare || set.spare;
+    if (!set.spare && joins(i)) selection_.push_back(static_cast<int>(i));
   }
+  // Spare contacts only where nothing else is violated: with that they may not be.
+  if (spare && selection_.size() == before)
+    for (std::size_t i = 0; i < sets_.size(); ++i)
+      if (sets_[i].offset < 0 && (sets_[i].spare || is_moment(sets_[i])) && joins(i))
+        selection_.push_back(static_cast<int>(i));
   if (selection_.size() == before) return false;
   std::sort(selection_.begin(), selection_.end());
   write_problem();

@@ -24,7 +24,7 @@ constexpr double kHugs = 5e-7;      // [m] what touches may sink in by so much m
 constexpr double kSinksDeep = 0.1;  // of the margin: how much deeper such a pair may go in a step
 constexpr double kSameTime = 1e-9;  // of the step: meetings nearer in time than this are one
 const FrameMotion kAtRest;
-constexpr char kMagic[] = "signorini detector 2";
+constexpr char kMagic[] = "signorini detector 3";
 
 std::string number(double value) {
   std::ostringstream out;
@@ -359,6 +359,7 @@ struct Detector::Impl {
       narrow_phase.collide(solids[a], placements[a], solids[b], placements[b], settings.margin, pairs.back().memory,
                            manifold);
       if (manifold.count == 0) continue;
+      if (gives_way(a, b)) manifold.drop_spare();
       if (!travel.empty() && must_sweep(a, b) && nearest(manifold) > kTouches) continue;
       append(a, b, manifold, old_point);
     }
@@ -439,6 +440,8 @@ struct Detector::Impl {
 
   bool is_field(int geometry) const { return solids[geometry].type == ShapeType::HeightField; }
 
+  bool gives_way(int a, int b) const { return geometries[a].gives_way || geometries[b].gives_way; }
+
   /// A plane keeps apart what is convex and goes straight, but height fields have many, and what turns goes along arcs.
   bool may_meet_again(int a, int b) const {
     if (is_field(a) || is_field(b)) return true;
@@ -467,7 +470,8 @@ struct Detector::Impl {
   }
 
   /// Adds the points of a meeting at their place in the list; false if none would change the motion.
-  bool insert(const Hit& hit, double touching) {
+  bool insert(Hit& hit, double touching) {
+    if (gives_way(hit.a, hit.b)) hit.meeting.manifold.drop_spare();
     const auto [known, at] = find_points(hit.a, hit.b);
     const Moving a = moving(hit.a), b = moving(hit.b);
     const double time = hit.meeting.time;
@@ -504,12 +508,15 @@ struct Detector::Impl {
     placements[hit.a] = a.at(time), placements[hit.b] = b.at(time);
     append(hit.a, hit.b, manifold, old_point);
     placements[hit.a] = places[0], placements[hit.b] = places[1];
+    int held = 0, added = 0;  // without spare ones
+    for (int k = 0; k < known; ++k) held += points[at + k].spare ? 0 : 1;
     for (std::ptrdiff_t k = size; k < static_cast<std::ptrdiff_t>(points.size()); ++k) {
+      added += points[k].spare ? 0 : 1;
       points[k].swept = true;
       points[k].way_a = time * a.motion.velocity, points[k].way_b = time * b.motion.velocity;
-      points[k].patch_size += known;
+      points[k].patch_size += held;
     }
-    for (int k = 0; k < known; ++k) points[at + k].patch_size += manifold.count;
+    for (int k = 0; k < known; ++k) points[at + k].patch_size += added;
     std::rotate(points.begin() + to, points.begin() + size, points.end());
     std::rotate(locals.begin() + to, locals.begin() + size, locals.end());
     return true;
@@ -535,6 +542,8 @@ struct Detector::Impl {
     while (old_size < Manifold::kMost && old_point + old_size < old_count && compare(old_point + old_size) == 0)
       ++old_size;
 
+    int patch_size = 0;
+    for (int k = 0; k < manifold.count; ++k) patch_size += manifold.points[k].spare ? 0 : 1;
     const Placement to_a = placements[a].inverse(), to_b = placements[b].inverse();
     std::array<LocalPair, Manifold::kMost> local;
     for (int k = 0; k < manifold.count; ++k)
@@ -544,7 +553,7 @@ struct Detector::Impl {
     // where it is on the box: the frame in which it moved less counts.
     std::array<std::array<double, Manifold::kMost>, Manifold::kMost> moved;
     std::array<int, Manifold::kMost> heir, parent;  // of old, of new
-    heir.fill(-1), parent.fill(-1);
+    std::fill_n(heir.begin(), old_size, -1), std::fill_n(parent.begin(), manifold.count, -1);
     const double farthest = settings.match_distance * settings.match_distance;
     bool clear = true;  // each has another nearest, so that the order does not matter
     for (int i = 0; i < manifold.count; ++i) {
@@ -558,7 +567,7 @@ struct Detector::Impl {
       clear = clear && heir[parent[i]] < 0;
       heir[parent[i]] = i;
     }
-    if (!clear) heir.fill(-1), parent.fill(-1);
+    if (!clear) std::fill_n(heir.begin(), old_size, -1), std::fill_n(parent.begin(), manifold.count, -1);
     for (int round = clear ? 0 : std::min(manifold.count, old_size); round > 0; --round) {
       double least = farthest;
       int best_i = -1, best_j = -1;
@@ -578,7 +587,8 @@ struct Detector::Impl {
       point.position = 0.5 * (from.on_a + from.on_b);
       point.normal = from.normal;
       point.distance = from.gap;
-      point.patch_size = manifold.count;
+      point.spare = from.spare;
+      point.patch_size = patch_size;
       point.previous = parent[k] < 0 ? -1 : old_point + parent[k];
       point.id = parent[k] < 0 ? next_id++ : old_points[point.previous].id;
       points.push_back(point);
@@ -649,7 +659,8 @@ std::string Detector::save() const {
     out.put(point.geometry_a), out.put(point.geometry_b);
     out.put(point.position), out.put(point.normal), out.put(point.distance);
     out.put(point.patch_size), out.put(point.previous), out.put(point.id);
-    out.put(static_cast<std::uint8_t>(point.swept)), out.put(point.way_a), out.put(point.way_b);
+    out.put(static_cast<std::uint8_t>((point.swept ? 1 : 0) + (point.spare ? 2 : 0))), out.put(point.way_a),
+        out.put(point.way_b);
     out.put(impl_->locals[k].on_a), out.put(impl_->locals[k].on_b);
   }
   out.put(static_cast<std::uint64_t>(impl_->pairs.size()));
@@ -676,10 +687,11 @@ void Detector::load(const std::string& bytes) {
     point.geometry_a = in.take<int>(), point.geometry_b = in.take<int>();
     point.position = in.take_vector(), point.normal = in.take_vector(), point.distance = in.take<double>();
     point.patch_size = in.take<int>(), point.previous = in.take<int>(), point.id = in.take<std::uint64_t>();
-    const auto swept = in.take<std::uint8_t>();
-    point.swept = swept == 1, point.way_a = in.take_vector(), point.way_b = in.take_vector();
+    const auto kind = in.take<std::uint8_t>();
+    point.swept = (kind & 1) != 0, point.spare = (kind & 2) != 0, point.way_a = in.take_vector(),
+    point.way_b = in.take_vector();
     const Vector3 on_a = in.take_vector(), on_b = in.take_vector();
-    in.failed = in.failed || swept > 1 || !is_pair(point.geometry_a, point.geometry_b) || point.id >= next_id;
+    in.failed = in.failed || kind > 3 || !is_pair(point.geometry_a, point.geometry_b) || point.id >= next_id;
     points.push_back(point);
     locals.push_back({on_a, on_b});
   }

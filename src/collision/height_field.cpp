@@ -276,6 +276,7 @@ struct FieldContacts::Query {
     plane.rotation.col(2) = normal;
     plane.translation = origin;
     half_space_against(plane, b, place, margin, hint, patch);
+    patch.drop_spare();
   }
 
   /// Whether the point on the plane of a triangle is in the triangle; or past the bottom of a valley, but about to
@@ -543,7 +544,7 @@ void FieldContacts::collide(const HeightGrid& grid, const Placement& place_field
   Query query(*this, grid, b, place_field.inverse() * place_b, margin, convex_pair, hint);
   if (!query.run()) return;
   query.rescue();
-  query.choose(Manifold::kMost);
+  query.choose(Manifold::kOnField);
   for (const SurfacePair& point : candidates_)
     out.add({place_field * point.on_a, place_field * point.on_b, place_field.rotation * point.normal, point.gap});
 }

@@ -191,8 +191,25 @@ void reduce(const Candidates& candidates, double tolerance, Manifold& out) {
     if (fourth >= 0 && added > slack * extent) kept[total++] = fourth;
   }
   std::sort(kept.begin(), kept.begin() + total);
-  for (int k = 0; k < total; ++k)
-    if (k == 0 || kept[k] != kept[k - 1]) out.add(candidates.points[kept[k]]);
+  std::array<bool, Candidates::kMost> taken{};
+  for (int k = 0; k < total; ++k) {
+    if (taken[kept[k]]) continue;
+    taken[kept[k]] = true;
+    out.add(candidates.points[kept[k]]);
+  }
+  // Four say nothing of a corner outside of them, or below their plane.
+  const int spare = std::min(count - out.count, Manifold::kMost - out.count);
+  for (int n = 0; n < spare; ++n) {
+    double lowest = std::numeric_limits<double>::infinity();
+    for (int k = 0; k < count; ++k)
+      if (!taken[k]) lowest = std::min(lowest, candidates.points[k].gap);
+    int next = 0;
+    while (next < count && (taken[next] || !(candidates.points[next].gap <= lowest + tolerance))) ++next;
+    if (next == count) return;
+    taken[next] = true;
+    out.add(candidates.points[next]);
+    out.points[out.count - 1].spare = true;
+  }
 }
 
 bool clip_features(const Feature& a, const Feature& b, const SurfacePair& deepest, double margin, double scale,

@@ -11,16 +11,22 @@ namespace signorini {
 struct SurfacePair {
   Vector3 on_a, on_b, normal;
   double gap;
+  bool spare = false;  ///< beyond the four that hold the pair apart as a rule
 };
 
 /// The contact of one pair of shapes.
 struct Manifold {
-  static constexpr int kMost = 8;   // on a height field
-  static constexpr int kPatch = 4;  // of two convex shapes
+  static constexpr int kMost = 16;    // with spare ones: as many as a rim has
+  static constexpr int kOnField = 8;  // of a height field
+  static constexpr int kPatch = 4;    // of two convex shapes, without spare ones
   int count = 0;
   std::array<SurfacePair, kMost> points;
 
   void add(const SurfacePair& point) { points[count++] = point; }
+  /// Spare ones come last.
+  void drop_spare() {
+    while (count > 0 && points[count - 1].spare) --count;
+  }
   /// The same seen from the other shape.
   void swap_sides() {
     for (int k = 0; k < count; ++k) {
@@ -41,8 +47,8 @@ struct Candidates {
   }
 };
 
-/// Keeps four: the deepest, then those that span the largest area. Where several are as good to within `tolerance` [m]
-/// the first one is taken, so that rounding does not choose.
+/// Keeps four: the deepest, then those that span the largest area; then, as spare ones, the lowest of the others. Where
+/// several are as good to within `tolerance` [m] the first one is taken, so that rounding does not choose.
 void reduce(const Candidates& candidates, double tolerance, Manifold& out);
 
 /// Where the projections of two features along the normal of `deepest` overlap, with the gap at each corner, up to

@@ -1,6 +1,7 @@
 #include "world_collision.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "model/world_impl.hpp"
 
@@ -10,8 +11,12 @@ std::vector<CollisionGeometry> collision_geometries(const World& world) {
   std::vector<CollisionGeometry> list;
   for (const Geometry& geometry : world.geometries()) {
     const Body& body = world.bodies()[static_cast<std::size_t>(geometry.body)];
-    list.push_back({geometry.shape, body.frame, body.in_frame * geometry.placement});
+    list.push_back(
+        {geometry.shape, body.frame, body.in_frame * geometry.placement, std::isfinite(geometry.material.stiffness)});
   }
+  for (const ContactPair& pair : world.impl().contact_pairs)
+    if (std::isfinite(pair.material.stiffness))
+      for (const int g : {pair.geometry_a, pair.geometry_b}) list[static_cast<std::size_t>(g)].gives_way = true;
   return list;
 }
 

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 import signorini
-from signorini import Box, Joint, Material, Simulator, Sphere, WorldBuilder
+from signorini import Box, Convex, Joint, Material, Simulator, Sphere, WorldBuilder
 
 G = 9.81
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
@@ -494,3 +495,48 @@ def test_deep_overlap_separates_without_exploding():
 
 def test_package_exports_what_these_tests_use():
     assert set(signorini.__all__) >= {"Simulator", "WorldBuilder", "Material", "Box", "rollout"}
+
+
+def plate(uneven, random):
+    """Its bottom has 12 corners, each lower or higher by up to `uneven` [m]."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    bottom = np.column_stack([0.1 * ring, -0.01 + uneven * random.uniform(-1.0, 1.0, 12)])
+    points = np.concatenate([bottom, np.column_stack([0.09 * ring, np.full(12, 0.01)])])
+    hull = ConvexHull(points)
+    triangles = hull.simplices.copy()
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
+    triangles[inwards] = triangles[inwards, ::-1]
+    return Convex(points, triangles)
+
+
+@pytest.mark.parametrize("time_step", [1e-3, 1e-4])
+@pytest.mark.parametrize(("uneven", "floor"), [(2e-4, "plane"), (0.0, "plane"), (0.0, "box")])
+def test_a_plate_that_slaps_down_does_not_sink_in(uneven, floor, time_step):
+    """Whichever of its corners come down: an overlap is taken back the faster, the shorter the step."""
+    random = np.random.default_rng(0)
+    material = Material(friction=0.5)
+    for _ in range(4):
+        builder = WorldBuilder()
+        if floor == "plane":
+            builder.add_ground(material)
+        else:
+            builder.add_geometry("world", Box((1.0, 1.0, 0.5)), position=(0.0, 0.0, -0.5), material=material)
+        axis, half_tilt = random.uniform(-np.pi, np.pi), 0.075
+        orientation = (np.sin(half_tilt) * np.cos(axis), np.sin(half_tilt) * np.sin(axis), 0.0, np.cos(half_tilt))
+        inertia = np.diag([0.0025, 0.0025, 0.005])
+        joints = [Joint("plate", "free")]
+        builder.add_body(
+            "plate", joints=joints, position=(0, 0, 0.04), orientation=orientation, mass=1.0, inertia=inertia
+        )
+        builder.add_geometry("plate", plate(uneven, random), material=material)
+        simulator = Simulator(builder.build(), time_step=time_step)
+        deepest = 0.0
+        for _ in range(round(0.25 / time_step)):
+            simulator.step()
+            deepest = max(deepest, simulator.report.deepest_overlap)
+        assert deepest < 1e-7
+        assert simulator.report.unsolved == 0
+        assert np.abs(simulator.state.v).max() < 1e-3  # it lies
+        assert simulator.state.q[2] == pytest.approx(0.01, abs=2.0 * uneven + 1e-6)

@@ -15,7 +15,7 @@ namespace signorini {
 /// How gaps, overlaps and approach speeds enter the problem (docs/simulation.md, S6 to S9).
 struct CorrectionSettings {
   double time_step = 1e-3;              ///< [s]
-  double baumgarte = 0.2;               ///< share of an overlap that one step takes back, rigid contact and limits
+  double baumgarte = 0.2;               ///< share of an overlap that a step of 1 ms or more takes back, less in shorter ones in proportion; rigid contact, limits
   double max_correction_speed = 1.0;    ///< of that [m/s, rad/s]
   double restitution_threshold = 0.05;  ///< approach speed below which nothing bounces [m/s]
 };
@@ -42,6 +42,7 @@ class Assembler {
   struct Set {
     SetSource source = SetSource::Contact;
     int index = 0, row = 0;
+    bool spare = false;             ///< Contact: left out until the answer violates it
     bool built = false;             ///< has its rows Y; a set gets them when it joins the problem
     int start = 0, rows = 0;        ///< among the rows of all sets
     int offset = -1;                ///< in the problem; -1: left out
@@ -101,8 +102,8 @@ class Assembler {
   /// added.
   void add_forces(const ConstVectorRef& impulse, double factor, std::vector<Wrench>& wrenches, VectorRef force) const;
 
-  /// The problem of the sets that free_v violates, that `guess` (num_rows values) has an impulse for, or that are no
-  /// contact or limit.
+  /// The problem of the sets that free_v violates (but spare contacts), that `guess` (num_rows values) has an impulse
+  /// for, or that are no contact or limit.
   void select(const ConstVectorRef& guess, Law law);
   const ContactProblem& problem() const { return problem_; }
   /// Adds the sets which the answer to problem() violates; false if there are none. impulse, sigma: num_rows values,

@@ -14,8 +14,9 @@ namespace signorini {
 /// A shape fixed to a moving frame. Which frames move together is the caller's: see Detector.
 struct CollisionGeometry {
   Shape shape;
-  int frame = 0;        ///< index into the placements given to detect(); 0 is the world, which does not move
-  Placement placement;  ///< of the shape in its frame
+  int frame = 0;           ///< index into the placements given to detect(); 0 is the world, which does not move
+  Placement placement;     ///< of the shape in its frame
+  bool gives_way = false;  ///< its contacts are compliant: no spare points, which would be springs too
 };
 
 /// How a frame moves during a step: one of its points goes straight, the frame turns about it at a constant rate.
@@ -36,7 +37,9 @@ struct ContactPoint {
   /// Of a sweep: how far the frames' centres go until then [m]. The position less this is a point that moves with the
   /// frame as it is now.
   Vector3 way_a = Vector3::Zero(), way_b = Vector3::Zero();
-  int patch_size = 1;  ///< points of the same pair in this step, 1 to 4; on a height field to 8
+  /// Not among the four that hold a pair apart as a rule: for use only when these do not keep it from sinking in here.
+  bool spare = false;
+  int patch_size = 1;  ///< points of the same pair in this step but spare ones, 1 to 4; on a height field to 8
   /// Index of the same material point in the list of the step before, or -1: what a warm start needs. Each old point
   /// has at most one heir.
   int previous = -1;
@@ -70,8 +73,8 @@ struct DetectorSettings {
 };
 
 /// Finds contact points: broad phase, narrow phase (Coal), at most four well-spread points a pair (eight on a height
-/// field) with an exact gap each, matched with the last step's. Once warm, detect() allocates nothing. Not thread-safe:
-/// one a simulator.
+/// field) and up to twelve spare ones, with an exact gap each, matched with the last step's. Once warm, detect()
+/// allocates nothing. Not thread-safe: one a simulator.
 class Detector {
  public:
   /// pairs: geometries that may touch, each (a, b) with a < b; empty frames' filters are the caller's work. Raises

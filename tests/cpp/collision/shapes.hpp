@@ -243,6 +243,12 @@ inline double least_distance(const std::vector<ContactPoint>& points) {
   return least;
 }
 
+/// Points but spare ones.
+inline std::size_t held(const std::vector<ContactPoint>& points) {
+  return static_cast<std::size_t>(
+      std::count_if(points.begin(), points.end(), [](const ContactPoint& p) { return !p.spare; }));
+}
+
 inline bool is_finite(const ContactPoint& p) {
   return p.position.allFinite() && p.normal.allFinite() && std::isfinite(p.distance);
 }
