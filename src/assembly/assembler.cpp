@@ -18,7 +18,8 @@ constexpr double kTouching = 1e-7;
 // one face is less, and rows beyond four gain nothing there.
 constexpr double kSpareSlack = 0.1 * kTouching;
 constexpr double kSamePoint = 1e-5;  // [m] contact points nearer than this are the same, whoever found them
-constexpr double kCorrectionTime = 1e-3;  // [s] shorter steps take back less of an overlap: at the same speed, not a faster one
+constexpr double kCorrectionTime =
+    1e-3;  // [s] shorter steps take back less of an overlap: at the same speed, not a faster one
 constexpr double kRounding = 1e-12;  // of an impulse: where loads are all 0, their speeds still change by this share
 constexpr double kFirstLoadStep = 1.5, kLongestLoadStep = 64.0;
 constexpr double kRedundant = 1e-4;  // (S19)

@@ -97,15 +97,11 @@ def reference(world: signorini.World, q: Any, duration: float, fine: int) -> tup
 
 
 def _together(world: signorini.World, q: Any, duration: float, fine: int, tolerance: float) -> Any:
-    """The finer of two runs, as long as they are together.
-
-    Neither takes overlap back: the speed at which that is done does not fall with the step, and throws up a foot that
-    slaps down, as if there were restitution.
-    """
+    """The finer of two runs, as long as they are together."""
     runs = []
     for refinement in (fine, fine // 2):
         step = TIME_STEP / refinement
-        runs.append((signorini.Simulator(world, time_step=step, tolerance=tolerance, baumgarte=0.0), refinement))
+        runs.append((signorini.Simulator(world, time_step=step, tolerance=tolerance), refinement))
         runs[-1][0].state.q = q
     out = [places(world, q)]
     for _ in range(round(duration / LOOK)):
