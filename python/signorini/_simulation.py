@@ -40,8 +40,8 @@ class SimulatorSettings:
         residual, of the law: the models of other engines ("lcp-pgs", "convex-newton", "bisection") leave many steps
         unsolved.
     on_unsolved: about a step that is not solved: "continue" (and count it in report.unsolved), "warn", "raise".
-    baumgarte: share of an overlap of rigid bodies that a step of 1 ms or more takes back, in [0, 1]; shorter ones take back
-        less, in proportion.
+    baumgarte: share of an overlap of rigid bodies that a step of 1 ms or more takes back, in [0, 1]; shorter ones take
+        back less, in proportion.
     max_correction_speed: limit of that [m/s, rad/s].
     restitution_threshold: approach speed below which nothing bounces [m/s].
     contact_margin: points with a gap up to this are part of the problem [m]; None: 2 mm and 3 m/s times the time step.

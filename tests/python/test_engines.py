@@ -167,17 +167,6 @@ def test_the_judge_knows_a_fall():
     assert found["parted"] is None
 
 
-def test_the_reference_throws_nothing_up():
-    """What overlaps a little stays, however small the steps; taken back in a step's time it would fly."""
-    start = scenes.worlds()["cube-stack"](num_cubes=1)
-    q = np.array(start.q)
-    q[2] -= 1e-4
-    world = _exchange.build(_exchange.plain(start.world, 0.8))
-    places, horizon, _ = simulators.reference(world, q, 0.1, 20)
-    assert horizon == pytest.approx(0.1)
-    assert np.abs(places - places[0]).max() < 1e-8
-
-
 def test_an_unknown_engine_is_said(tmp_path):
     with pytest.raises(signorini.InvalidInputError, match="havok"):
         simulators.run(Options(tmp_path, quick=True), only=("havok",))

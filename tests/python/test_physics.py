@@ -540,3 +540,16 @@ def test_a_plate_that_slaps_down_does_not_sink_in(uneven, floor, time_step):
         assert simulator.report.unsolved == 0
         assert np.abs(simulator.state.v).max() < 1e-3  # it lies
         assert simulator.state.q[2] == pytest.approx(0.01, abs=2.0 * uneven + 1e-6)
+
+
+@pytest.mark.parametrize("time_step", [1e-3, 1e-4, 1e-5])
+def test_an_overlap_goes_back_at_one_speed_however_small_the_step(time_step):
+    overlap, builder = 1e-4, WorldBuilder()
+    builder.add_ground()
+    add_box(builder, "box", 1.0, (0.1, 0.1, 0.1), (0, 0, 0.1 - overlap), None)
+    simulator = Simulator(builder.build(), time_step=time_step)
+    speeds = []
+    for _ in range(round(2e-3 / time_step)):
+        simulator.step()
+        speeds.append(simulator.state.v[2])
+    assert max(speeds) == pytest.approx(0.2 * overlap / 1e-3, rel=1e-3)  # a fifth of it in a millisecond
