@@ -67,7 +67,7 @@ def solve(
     tolerance: on the certificate's relative residual (Residual.solves), in (0, 1).
     max_iterations: at least 1; None for the solver's own default.
     guess: where to start: an impulse [N s], (n,), or the Solution of a similar problem.
-    aim: what "auto" aims at from a guess while that is cheap, in (0, tolerance]; None: 1e-4 tolerance.
+    aim: what "auto" aims at from a guess while that is cheap, in (0, tolerance]; None: 1e-3 tolerance.
     record_history: fill Solution.history.
     workspace: memory to reuse from solve to solve; one for each thread.
 

@@ -13,7 +13,7 @@
 namespace signorini {
 namespace {
 
-constexpr double kAim = 1e-4;  // of the tolerance: what Newton aims at from a guess, if the settings do not say
+constexpr double kAim = 1e-3;  // of the tolerance: what Newton aims at from a guess, if the settings do not say
 // Sweeps: at least kFirstSweeps, and on while so many more would do, at the rate of the last kFirstSweeps. Few where
 // nothing slips, since Newton is good there, and in islands of more than kPatch sets, where something stalls.
 constexpr int kFirstSweeps = 3, kMoreSweeps = 30, kFewSweeps = 10, kMostSweeps = 100;

@@ -28,7 +28,7 @@ AdmmSettings AdmmSettings::paper(double absolute_tolerance) {
 
 void Settings::validate() const {
   check(tolerance > 0.0 && tolerance < 1.0, "tolerance", tolerance, "in (0, 1)");
-  check(aim >= 0.0 && aim <= tolerance, "aim", aim, "in (0, tolerance], or 0 for 1e-4 tolerance");
+  check(aim >= 0.0 && aim <= tolerance, "aim", aim, "in (0, tolerance], or 0 for 1e-3 tolerance");
   check(max_iterations >= 0, "max_iterations", max_iterations, "at least 1, or 0 for the solver's own default");
   check(admm.penalty >= 0.0 && admm.penalty <= 1e100, "penalty", admm.penalty, "in [0, 1e100]");
   check(admm.proximal_weight > 0.0 && admm.proximal_weight <= 1e100, "proximal_weight", admm.proximal_weight,
