@@ -14,12 +14,11 @@ namespace {
 // [m, rad] A gap below counts as touching, with the same slope as an overlap: with two slopes meeting at 0, rounding
 // would make the points of a resting face contradict each other.
 constexpr double kTouching = 1e-7;
-// [m] A spare contact joins when it would sink in by more: what rounding and the tolerance leave between the corners of
+// [m/s] A spare contact joins when it would sink in faster: what rounding and the tolerance leave between the corners of
 // one face is less, and rows beyond four gain nothing there.
-constexpr double kSpareSlack = 0.1 * kTouching;
+constexpr double kSpareSlack = 1e-5;
 constexpr double kSamePoint = 1e-5;  // [m] contact points nearer than this are the same, whoever found them
-constexpr double kCorrectionTime =
-    1e-3;  // [s] shorter steps take back less of an overlap: at the same speed, not a faster one
+constexpr double kCorrectionTime = 1e-3;  // [s] shorter steps take back less of an overlap: no faster
 constexpr double kRounding = 1e-12;  // of an impulse: where loads are all 0, their speeds still change by this share
 constexpr double kFirstLoadStep = 1.5, kLongestLoadStep = 64.0;
 constexpr double kRedundant = 1e-4;  // (S19)
@@ -977,7 +976,7 @@ bool Assembler::violated(const Set& set, const double* sigma, Law law) const {
   if (is_moment(set)) return false;  // comes with its contact
   if (set.source != SetSource::Contact) return sigma[0] < 0.0;
   const double sliding = law == Law::Ccp ? set.material.friction * std::hypot(sigma[0], sigma[1]) : 0.0;
-  return sigma[2] < sliding - (set.spare ? kSpareSlack / settings_.time_step : 0.0);
+  return sigma[2] < sliding - (set.spare ? kSpareSlack : 0.0);
 }
 
 void Assembler::write_problem() {

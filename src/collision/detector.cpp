@@ -483,7 +483,7 @@ struct Detector::Impl {
     const auto velocity_now = [time](const FrameMotion& motion, const Vector3& point) -> Vector3 {
       return motion.velocity + motion.start.cross(point - motion.centre - time * motion.velocity);
     };
-    for (int k = 0; k < hit.meeting.manifold.count && known + manifold.count < Manifold::kMost; ++k) {
+    for (int k = 0; k < hit.meeting.manifold.count; ++k) {
       SurfacePair point = hit.meeting.manifold.points[k];
       const double rate = point.normal.dot(b.velocity(point.on_b, time) - a.velocity(point.on_a, time));
       const double now = point.normal.dot(velocity_now(b.motion, point.on_b) - velocity_now(a.motion, point.on_a));

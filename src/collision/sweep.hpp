@@ -35,7 +35,8 @@ struct Meeting {
 };
 
 /// False if a and b do not meet within `duration`: come as near as -slack [m]; where slack > 0 and they are deeper
-/// already, a little deeper: what touches may go on touching. margin: of the manifold.
+/// already, a little deeper: what touches may go on touching. sinks: how deep their points, which give way, let them
+/// come [m]. margin: of the manifold.
 bool find_meeting(NarrowPhase& narrow_phase, const Moving& a, const Moving& b, double duration, double margin,
                   double slack, double sinks, Meeting& out);
 

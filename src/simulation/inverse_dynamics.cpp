@@ -415,7 +415,7 @@ void InverseDynamics::Impl::find_force_of_step(const Input& input) {
     best = points;
     take(step->points());
   }
-  take(best);
+  if (least < kInfinity) take(best);
 }
 
 void InverseDynamics::Impl::find_impulses_and_bounces(const Input& input) {

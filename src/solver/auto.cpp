@@ -30,7 +30,7 @@ constexpr double kFirstFinish = 1e-6;  // certificate at which Newton first trie
 // The same on the active rows, over the number of sets, and at most.
 constexpr double kFirstReduced = 3e-3, kLargestReduced = 1e-3;
 constexpr double kQuick = 0.6;           // what a step leaves of the certificate below which the interior point goes on
-constexpr int kSlowSteps = 4;            // that leave more, in a row, after which proximal Newton tries
+constexpr int kSlowSteps = 3;            // that leave more, in a row, after which proximal Newton tries
 constexpr double kFirstProximal = 1e-4;  // certificate at which proximal Newton tries, once a start
 constexpr double kWeight = 3e-4, kWeightShare = 30.0, kHighWeight = 0.3;  // its first weight; late: of the certificate
 // Factorisations granted to it, and how many of them without halving the certificate; for a large island.
@@ -511,7 +511,7 @@ class Ladder {
     interior.options = options;
     interior.start(problem_, law_, guess);
     tried_proximal_ = false;
-    double last = 0.0, next = kFirstFinish, milestone = std::numeric_limits<double>::infinity();
+    double last = std::numeric_limits<double>::infinity(), next = kFirstFinish, milestone = last;
     double reduced = std::min(kFirstReduced / static_cast<double>(problem_.sets.num_sets()), kLargestReduced);
     int since = 0, slow = 0;
     while (true) {
