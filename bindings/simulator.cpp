@@ -403,7 +403,12 @@ void bind_simulation(nb::module_& m) {
                      return nb::cast(nb::ndarray<nb::numpy, double, nb::ndim<2>>(
                          w.data(), {static_cast<std::size_t>(w.cols()), std::size_t{6}}, self));
                    })
-      .def("step", &Simulator::step, nb::call_guard<nb::gil_scoped_release>())
+      .def(
+          "step",
+          [](Simulator& self, Index num_steps) {
+            for (Index k = 0; k < num_steps; ++k) self.step();
+          },
+          "num_steps"_a, nb::call_guard<nb::gil_scoped_release>())
       .def(
           "run",
           [](Simulator& self, Index num_steps, const Matrix& controls, bool keep_states, Column<double> seconds,

@@ -19,6 +19,7 @@ from signorini._world import WORLD, Array, World
 
 OnUnsolved = Literal["continue", "warn", "raise"]
 ContactModeName = Literal["open", "stick", "slide"]
+_BLOCK = 1000  # steps between two looks at Ctrl-C
 
 
 class UnsolvedStepError(RuntimeError):
@@ -327,9 +328,11 @@ class Simulator:
     def step(self, num_steps: int = 1) -> None:
         """Makes time steps. Raises InvalidInputError when state, control or a force is not finite, leaving the state;
         UnsolvedStepError as settings.on_unsolved says."""
-        for _ in range(_arrays.count("num_steps", num_steps, 0)):
-            self._core.step()
-            if self.settings.on_unsolved != "continue":
+        count = _arrays.count("num_steps", num_steps, 0)
+        at_once = _BLOCK if self.settings.on_unsolved == "continue" else 1
+        for done in range(0, count, at_once):
+            self._core.step(min(at_once, count - done))
+            if at_once == 1:
                 self._check_solved()
 
     def run(

@@ -14,10 +14,10 @@ namespace {
 // [m, rad] A gap below counts as touching, with the same slope as an overlap: with two slopes meeting at 0, rounding
 // would make the points of a resting face contradict each other.
 constexpr double kTouching = 1e-7;
-// [m/s] A spare contact joins when it would sink in faster: what rounding and the tolerance leave between the corners of
-// one face is less, and rows beyond four gain nothing there.
+// [m/s] A spare contact joins when it would sink in faster: what rounding and the tolerance leave between the corners
+// of one face is less, and rows beyond four gain nothing there.
 constexpr double kSpareSlack = 1e-5;
-constexpr double kSamePoint = 1e-5;  // [m] contact points nearer than this are the same, whoever found them
+constexpr double kSamePoint = 1e-5;       // [m] contact points nearer than this are the same, whoever found them
 constexpr double kCorrectionTime = 1e-3;  // [s] shorter steps take back less of an overlap: no faster
 constexpr double kRounding = 1e-12;  // of an impulse: where loads are all 0, their speeds still change by this share
 constexpr double kFirstLoadStep = 1.5, kLongestLoadStep = 64.0;

@@ -18,8 +18,8 @@ constexpr double kAim = 1e-3;  // of the tolerance: what Newton aims at from a g
 // nothing slips, since Newton is good there, and in islands of more than kPatch sets, where something stalls.
 constexpr int kFirstSweeps = 3, kMoreSweeps = 30, kFewSweeps = 10, kMostSweeps = 100;
 constexpr double kLoose = 1e-6;  // what is aimed at from a guess from which on sweeps come before Newton
-// Proximal Newton goes on from sweeps where their certificate, times the number of sets, is below kNear, or kNearer if
-// less than kLoose is aimed at; and no more than after one sweep, or kStuck of that.
+// Proximal Newton goes on from sweeps where their certificate, times the contacts that press, is below kNear, or
+// kNearer if less than kLoose is aimed at; and no more than after one sweep, or kStuck of that.
 constexpr double kNear = 0.3, kNearer = 0.1, kStuck = 1.5;
 constexpr int kSweptNewton = 3, kSweptProximal = 16, kSweptPatience = 6, kSweepsBetween = 20;
 constexpr ActiveSearch kSweptSearch{1e-5, 0.3, true}, kStickSearch{1e-3, 0.3, false}, kFinishSearch{0.1, 0.3, false};
@@ -438,7 +438,8 @@ class Ladder {
     has_near_ = relative <= first;
     w_.near = sweeps.impulse();
     const bool loose = target >= kLoose;
-    const bool close = relative * num_sets <= (loose ? kNear : kNearer) && relative <= (loose ? kStuck : 1.0) * first;
+    const bool close =
+        relative * sweeps.pressing() <= (loose ? kNear : kNearer) && relative <= (loose ? kStuck : 1.0) * first;
     if (!guess && !close) return sweeps.mostly_sticks() && newton_from_stick(target);
     if (!sweeps.slips() && !many && newton_from_sweeps(target)) return true;
     const int rounds = loose ? 2 : 1;

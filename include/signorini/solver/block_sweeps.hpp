@@ -22,6 +22,8 @@ class BlockSweeps {
   const GrowVector& velocity() const { return t_; }  ///< A impulse() + b + weight (impulse() - centre)
   /// Whether a contact slipped in the last sweep.
   bool slips() const { return slipping_ > 0; }
+  /// How many contacts pressed in it.
+  int pressing() const { return pressing_; }
   /// Whether at most a quarter of those that pressed did.
   bool mostly_sticks() const { return 4 * slipping_ <= pressing_; }
 
