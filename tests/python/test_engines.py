@@ -165,6 +165,11 @@ def test_the_judge_knows_a_fall():
     assert found["energy_change"] == pytest.approx(-9.81 * 9.81 * 0.3 * 1e-3 / 2, rel=1e-6)
     assert found["overlap"] == 0.0
     assert found["parted"] is None
+    short = simulators.Judge(world, places, horizon, at_rest=True)({"states": states[:20]})
+    assert short["error_early"] == pytest.approx(expected / 2, rel=1e-6)
+    assert short["error_horizon"] is None  # it stopped before
+    once = simulators.Judge(world, places, horizon, at_rest=True)({"states": states[:1]})
+    assert once["error_early"] is once["error_horizon"] is once["creep"] is None
 
 
 def test_an_unknown_engine_is_said(tmp_path):
@@ -357,19 +362,38 @@ def test_mujocos_settings_are_named_as_they_are():
         _mujoco_settings.apply(None, "slow", 1e-3)
 
 
+def lowest(world, q):
+    """Height of the lowest point of robot(): a corner of the box, an end of the capsule, or the ball's bottom [m]."""
+    corners = [[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)]
+    shapes = [(corners, 0.0), ([[0, 0, -0.1], [0, 0, 0.1]], 0.05), ([[0, 0, 0]], 0.1)]
+    frames, heights = world._core.frame_placements(q), []
+    for geometry, (points, radius) in zip(world.geometries[1:], shapes, strict=True):
+        on, at = frames[geometry.body], geometry.placement
+        in_link = np.array(points) @ at.rotation.T + at.translation
+        heights.append((in_link @ on.rotation.T + on.translation)[:, 2].min() - radius)
+    return min(heights)
+
+
 def test_starts_are_near_apart_and_closed():
     world = _exchange.build(_exchange.plain(robot(), 0.8))
     q = some_q(world)
     q[2] += 3.0
-    above = _starts._above(world, q)
     found = _starts.draw(world, q, 5)
-    assert np.ptp([_starts._above(world, one) for one in found]) > 1e-3
+    assert np.ptp([lowest(world, one) for one in found]) > 1e-3
     for one in found:
-        assert 0.0 <= _starts._above(world, one) - above <= _starts.RAISED
+        assert 0.0 <= lowest(world, one) - lowest(world, q) <= _starts.RAISED
         assert not world.touching_pairs(one, 0.0)
         assert 0.0 < 2.0 * np.arccos(abs(q[3:7] @ one[3:7])) <= _starts.TILTED + 1e-9
         assert 0.0 < np.abs(one - q)[7:].max() <= _starts.TURNED
     np.testing.assert_array_equal(_starts.draw(world, q, 5), found)
+
+
+def test_no_start_where_all_touches_is_said():
+    start = scenes.worlds()["cube-stack"](num_cubes=2)
+    q = np.array(start.q)
+    q[7:10] = q[:3]  # one in the other
+    with pytest.raises(signorini.InvalidInputError, match="q: something touches in all of 300"):
+        _starts.draw(start.world, q, 2)
 
 
 def test_starts_of_a_loop_leave_it_closed():
@@ -390,17 +414,28 @@ def test_starts_of_a_loop_leave_it_closed():
 
 
 def test_what_is_said_of_several_starts():
-    """Of four: nobody knows ours early in one, the other fails in one, and two differ by rounding."""
+    """Of four: nobody knows the early error in one, the other fails in one, and two differ by rounding."""
     mine = [{"early": e, "end": 0.01 * (k + 1)} for k, e in enumerate([0.1, 0.2, 0.3, None])]
-    theirs = [{"early": e, "end": end} for e, end in [(0.2, 0.05), (0.2 - 1e-9, 0.01), (0.1, None), (None, 0.04)]]
+    theirs = [{"early": e, "end": end} for e, end in [(0.2, 0.05), (0.2 - 1e-9, 0.01), (0.1, np.inf), (None, 0.04)]]
     found = _starts.summary(theirs, mine)
     assert found["count"] == 4
     assert found["through"] == 3
     assert found["early"] == {"median": 0.2 - 1e-9, "worst": 0.2, "nearer": 2, "of": 3}
-    assert found["end"] == {"median": 0.04, "worst": 0.05, "nearer": 3, "of": 4}
+    assert found["end"] == {"median": pytest.approx(0.045), "worst": 0.05, "nearer": 3, "of": 4}
     assert _starts.table({"ours": found, "other": found})[1][1] == [
-        "other", "3 of 4", "200", "200", "2 of 3", "40", "50", "3 of 4",
+        "other", "3 of 4", "200", "200", "2 of 3", "45", "50", "3 of 4",
     ]  # fmt: skip
+
+
+def test_who_gets_through_few_starts_is_not_near():
+    """Neither fares better for the starts that it does not get through."""
+    fails = {"early": 1e-3, "end": np.inf}
+    near, far = ({"early": 1e-3, "end": end} for end in (1e-6, 1.0))
+    found = _starts.summary([near, fails, fails], [far, far, fails])
+    assert found["through"] == 1
+    assert found["end"] == {"median": np.inf, "worst": 1e-6, "nearer": 1, "of": 3}
+    assert _starts.summary([fails], [fails])["end"] == {"median": np.inf, "worst": None, "nearer": 0, "of": 1}
+    assert _starts.table({"ours": found})[1][0][-3:] == ["inf", "0.001", ""]
 
 
 def test_errors_from_several_starts_are_those_of_each():
@@ -444,6 +479,42 @@ def test_the_goal_takes_speed_and_the_median(ratio, mine, met):
     assert goal.met is met
     assert goal.measured.startswith("3 of 3" if met else "2 of 3; not: ur5")
     assert both.measured == "none"
+
+
+@pytest.mark.parametrize(
+    ("mine", "theirs", "met"),
+    [(1e-3, np.inf, True), (np.inf, 1e-3, False), (np.inf, np.inf, False), (None, 1e-3, False), (None, None, False)],
+)
+def test_who_does_not_get_to_the_end_is_not_as_near(mine, theirs, met):
+    scene = planted(1.1, mine, theirs)
+    claims = {verdict.claim: verdict for verdict in simulators._verdicts("ur5", scene, 10)}
+    assert claims["ur5: steps/s of MuJoCo elliptic or more, at no larger error"].met is met
+    goal, _ = simulators._goal({"ur5": scene, "cassie": scene, "humanoid": scene})
+    assert goal.met is met
+    del scene["starts"]
+    scene["engines"]["ours"]["error_horizon"], scene["engines"]["MuJoCo elliptic"]["error_horizon"] = mine, theirs
+    claims = {verdict.claim: verdict for verdict in simulators._verdicts("ur5", scene, 10)}
+    assert claims["ur5: steps/s of MuJoCo elliptic or more, at no larger error"].met is met
+
+
+def test_one_start_that_fails_does_not_take_the_others(tmp_path):
+    start = scenes.worlds()["cube-stack"](num_cubes=1)
+    model = _exchange.plain(start.world, 0.8)
+    _exchange.write(model, start.q, tmp_path)
+    engine = BY_NAME["signorini"]
+    python = engines.interpreter(engine)
+    some = [(None, 20), ([0.0, 0.0, 1.0], 20), (None, 20)]  # no configuration of a free body
+    one, bad, other = engines.run_all(python, engine, engine.settings[0], tmp_path, some, time_step=1e-3)
+    assert one["states"] == other["states"]
+    assert one["steps"] == 20
+    assert "states" not in bad
+    assert "q" in bad["error"]
+
+    judge = simulators.Judge(_exchange.build(model), np.zeros((3, 1, 3)), 0.02)
+    starts = [_starts.Start(np.array(start.q), judge), _starts.Start(np.array([0.0, 0.0, 1.0]), judge)]
+    found = _starts.errors(starts, model, (engine, engine.settings[0]), python, 10.0)
+    assert [np.isfinite(error["end"]) for error in found] == [True, False]
+    assert [error["early"] for error in found] == [None, None]  # nobody knows
 
 
 def test_starts_in_one_process_are_alone(tmp_path):

@@ -2,6 +2,7 @@ import json
 
 import numpy as np
 import pytest
+from test_solve import rod_between_walls
 from typer.testing import CliRunner
 
 import signorini
@@ -201,6 +202,26 @@ def test_robustness_in_processes_says_so(folder, tmp_path):
     runs = report.numbers["stresses"]["friction 0"]["chain"]
     count = runs["factorizations"]
     assert rows[1] == ["friction 0", f"{runs['solved']} of 3", f"{count['median']:.0f}, {count['max']:.0f}"]
+
+
+def test_robustness_proves_of_each_file_its_own(tmp_path):
+    """Files of one name in two families: one has no solution, which auto alone does not say."""
+    data = tmp_path / "data"
+    jams = rod_between_walls(1.0, closing=0.02, beside=1.0)
+    for family, problem in (("chain", jams), ("stack", scenes.cube_stack(2, 10.0))):
+        (data / family).mkdir(parents=True)
+        fclib.write(data / family / "same.hdf5", problem)
+    fclib.write(data / "stack" / "RockPile_tob1.hdf5", scenes.cube_stack(1, 10.0))  # solved, and does not count
+    report = robustness.run(Options(tmp_path, data), ("as is",))
+    assert signorini.solve(jams, tolerance=1e-8).status != "infeasible"
+    found = report.numbers["stresses"]["as is"]
+    assert [found[family]["solved"] for family in ("chain", "stack")] == [0, 2]
+    assert [found[family]["proven_without_solution"] for family in ("chain", "stack")] == [1, 0]
+    _, rows = report.tables["Solved; factorisations, median and most"]
+    assert rows[0][:2] == ["as is", "1 of 2; 1 proven to have no solution"]
+    (verdict,) = (one for one in report.verdicts if one.claim == "as is: solved to 1e-8")
+    assert verdict.measured == "1 of 2 (RockPile_tob1 aside), 1 proven to have no solution, 0 open"
+    assert verdict.met
 
 
 def test_scenes(tmp_path, monkeypatch):

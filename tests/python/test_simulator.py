@@ -5,10 +5,20 @@ import warnings
 
 import numpy as np
 import pytest
-from test_physics import add_box, add_sphere, pendulum
+from test_physics import add_box, add_sphere, pendulum, plate
 
 import signorini
-from signorini import InvalidInputError, Joint, Simulator, SimulatorSettings, WorldBuilder, fclib, rollout, scenes
+from signorini import (
+    InvalidInputError,
+    Joint,
+    Material,
+    Simulator,
+    SimulatorSettings,
+    WorldBuilder,
+    fclib,
+    rollout,
+    scenes,
+)
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +90,48 @@ def test_a_restored_run_goes_on_bit_for_bit(tumble, at):
     other.run(300)
     assert other.state_hash == simulator.state_hash
     assert other.report.steps == simulator.report.steps
+
+
+def test_a_plate_that_slaps_down_goes_on_bit_for_bit_from_its_middle():
+    """Saved in every step from before it arrives until it lies: also while more corners push than the first four."""
+    builder = WorldBuilder()
+    material = Material(friction=0.5)
+    builder.add_ground(material)
+    tilted = (np.sin(0.075), 0.0, 0.0, np.cos(0.075))
+    add = {"position": (0.0, 0.0, 0.04), "orientation": tilted, "mass": 1.0, "inertia": np.diag([25e-4, 25e-4, 5e-3])}
+    builder.add_body("plate", joints=[Joint("plate", "free")], **add)
+    builder.add_geometry("plate", plate(2e-4, np.random.default_rng(0)), material=material)
+    world = builder.build()
+    simulator = Simulator(world)
+    simulator.run(70)
+    saved, after, most = [], [], 0
+
+    def known(one):
+        return one.state_hash, [(contact.id, contact.mode) for contact in one.contacts]
+
+    for _ in range(30):
+        saved.append(simulator.save())
+        simulator.step()
+        after.append(known(simulator))
+        most = max(most, sum(contact.mode != "open" for contact in simulator.contacts))
+    assert most > 4
+    other = Simulator(world)
+    for at, before in enumerate(saved):
+        other.restore(before)
+        for k in range(at, 30):
+            other.step()
+            assert known(other) == after[k], (at, k)
+
+
+@pytest.mark.parametrize(("now", "before"), [(b"signorini state 4", 3), (b"signorini detector 3", 2)])
+def test_states_of_an_older_format_are_refused(tumble, now, before):
+    simulator = Simulator(tumble)
+    simulator.run(100)
+    saved, hash_ = simulator.save(), simulator.state_hash
+    assert saved.count(now) == 1
+    with pytest.raises(InvalidInputError, match="another version|not what save"):
+        simulator.restore(saved.replace(now, now[:-1] + b"%d" % before))
+    assert simulator.state_hash == hash_
 
 
 @pytest.mark.parametrize("damage", [lambda b: b"", lambda b: b[:-1], lambda b: b + b"x", lambda b: b"y" * len(b)])

@@ -135,7 +135,8 @@ def run_all(
     limit: float = 60.0,
 ) -> list[dict[str, Any]]:
     """The same for several starts, each a configuration (None: the model's own) and a number of steps, one after the
-    other in one process; the engine loads the model anew for each. limit: of each."""
+    other in one process; the engine loads the model anew for each. limit: of each. A start that
+    fails is an error of its own."""
     script = Path(__file__).with_name(f"run_{engine.name}.py")
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
     if python != sys.executable:

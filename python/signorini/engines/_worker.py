@@ -64,7 +64,8 @@ def main(version: str, load: Callable[[Path, dict[str, Any], str, float], Any]) 
     """Reads a request from the file named on the command line, writes the answer next to it.
 
     Request: model (folder), setting, time_step, limit (seconds of stepping after which it stops), starts: of each run
-    its q and steps, or None for q: the model's own start. Answer: version, runs: of each what _run says, or error.
+    its q and steps, or None for q: the model's own start. Answer: version, runs: of each what _run says, or its error;
+    or error, where there is no model to run.
     """
     path = Path(sys.argv[1])
     request = json.loads(path.read_text())
@@ -73,15 +74,13 @@ def main(version: str, load: Callable[[Path, dict[str, Any], str, float], Any]) 
         folder = Path(request["model"])
         model = json.loads((folder / "model.json").read_text())
         own = json.loads((folder / "start.json").read_text())["q"]
-        answer["runs"] = [
-            _run(
-                load(folder, model, request["setting"], request["time_step"]),
-                np.array(own if q is None else q),
-                steps,
-                request["limit"],
-            )
-            for q, steps in request["starts"]
-        ]
+        answer["runs"] = runs = []
+        for q, steps in request["starts"]:
+            try:
+                engine = load(folder, model, request["setting"], request["time_step"])
+                runs.append(_run(engine, np.array(own if q is None else q), steps, request["limit"]))
+            except Exception as error:
+                runs.append({"error": _said(error)})  # the other starts may do
     except Exception as error:
         answer["error"] = _said(error)
     path.with_suffix(".answer").write_text(json.dumps(answer))

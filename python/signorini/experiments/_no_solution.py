@@ -46,7 +46,8 @@ class State:
 
 
 def has_none(problem: signorini.ContactProblem, most_nodes: int = MOST_NODES) -> bool:
-    """Whether it is proven that nothing solves the NCP. problem: friction cones only. False: nothing is claimed."""
+    """Whether it is proven that nothing solves the NCP. problem: friction cones only. False: nothing is claimed, as
+    where a linear program fails."""
     delassus = np.asarray(problem.delassus.todense(), dtype=np.float64)
     scale = 1.0 / np.sqrt(np.asarray(problem.scale))
     b = scale * np.asarray(problem.free_velocity)
@@ -62,7 +63,10 @@ def has_none(problem: signorini.ContactProblem, most_nodes: int = MOST_NODES) ->
         for i, state in enumerate(states):
             if (i, state) not in known:
                 known[i, state] = _rows(a, b, friction[i], i, state)
-        impulse = _nearest([known[i, state] for i, state in enumerate(states)])
+        try:
+            impulse = _nearest([known[i, state] for i, state in enumerate(states)])
+        except ArithmeticError:
+            return False
         if impulse is None:
             continue
         worst = _farthest(a, b, friction, impulse, states)
@@ -110,7 +114,8 @@ def _rows(a: Array, b: Array, friction: float, i: int, state: State) -> tuple[Ar
 
 
 def _nearest(asked: list[tuple[Array, Array]]) -> Array | None:
-    """The impulse that misses what is asked by the least; None if all up to LARGEST miss it by more than BOUND."""
+    """The impulse that misses what is asked by the least; None if all up to LARGEST miss it by more than BOUND.
+    Raises ArithmeticError where the linear program fails."""
     rows, right = np.vstack([one for one, _ in asked]), np.concatenate([one for _, one in asked])
     cost = np.zeros(rows.shape[1])
     cost[-1] = 1.0

@@ -3,6 +3,7 @@ reference reaches; and from all of them with smaller and smaller steps."""
 
 from __future__ import annotations
 
+import math
 import os
 import tempfile
 from collections.abc import Callable, Iterable
@@ -24,6 +25,7 @@ TILTED = 0.05  # [rad], at most
 TURNED = 0.05  # [rad]: joints, at most
 CLEAR = 1e-4  # [m]: what may touch is this far apart at the start
 AS_NEAR = 1e-6  # [m]: errors that differ by less are the same
+MOST_TRIES = 300  # for one start
 REFINEMENTS = (1, 2, 4, 8, 16, 32)
 Runner = tuple[engines.Engine, str]
 Error = dict[str, float | None]
@@ -34,11 +36,17 @@ S = TypeVar("S")
 
 def draw(world: signorini.World, q: Any, count: int, seed: int = 0) -> list[Any]:
     """Configurations near q: a free base is tilted about a level axis and its lowest point raised over where it was,
-    joints are turned; in a world with loops, which have to stay closed, joints stay as they are. Nothing touches."""
+    joints are turned; in a world with loops, which have to stay closed, joints stay as they are. Nothing touches.
+    Raises InvalidInputError where something does in all of MOST_TRIES."""
     random = np.random.default_rng(seed)
     above = _above(world, q)
     out: list[Any] = []
+    tries = 0
     while len(out) < count:
+        tries += 1
+        if tries > MOST_TRIES:
+            said = f"something touches in all of {MOST_TRIES} configurations near it, must have room around it"
+            raise signorini.InvalidInputError(f"q: {said}")
         change = np.zeros(world.num_v)
         for joint in world.joints:
             at = slice(joint.v_index, joint.v_index + joint.num_v)
@@ -56,6 +64,7 @@ def draw(world: signorini.World, q: Any, count: int, seed: int = 0) -> list[Any]
                     one[joint.q_index + 2] += height
         if not world.touching_pairs(one, CLEAR):
             out.append(one)
+            tries = 0
     return out
 
 
@@ -98,7 +107,7 @@ def errors(
     refinement: int = 1,
 ) -> list[Error]:
     """Of one engine from each start, with steps of TIME_STEP / refinement: "early", "end" [m]: error at EARLY and at
-    the horizon; None where it does not get there, or nobody knows."""
+    the horizon; inf where it does not get there, None where nobody knows."""
     engine, setting = runner
     with tempfile.TemporaryDirectory(prefix="signorini-model-") as folder:
         _exchange.write(model, starts[0].q, Path(folder))
@@ -114,29 +123,32 @@ def errors(
     out: list[Error] = []
     for start, answer in zip(starts, answers, strict=True):
         error = start.judge.errors(answer["states"][::refinement]) if "states" in answer else np.zeros(0)
-        out.append(
-            {
-                "early": float(error[early]) if early < len(error) else None,
-                "end": float(error[-1]) if len(error) == len(start.judge.reference) else None,
-            }
-        )
+        known = len(start.judge.reference)
+        at = [float(error[k]) if k < len(error) else math.inf for k in (early, known - 1)]
+        out.append({"early": at[0] if early < known else None, "end": at[1]})
     return out
 
 
 def summary(many: list[Error], ours: list[Error]) -> dict[str, Any]:
-    """count: of starts, through: that it got through, to the end; for each of early and end the median and the worst
-    error [m] of those, and nearer: of how many starts ours is at least as near as it, of how many ours knows."""
-    out: dict[str, Any] = {"count": len(many), "through": sum(one["end"] is not None for one in many)}
+    """count: of starts, through: that it got through, to the end; for each of early and end the median error [m], the
+    worst of those that it got through, and nearer: of how many starts ours is at least as near as it, of how many the
+    error is known. A start that one does not get through has an error of inf."""
+    out: dict[str, Any] = {"count": len(many), "through": sum(_through(one["end"]) for one in many)}
     for key in ("early", "end"):
         values = [value for one in many if (value := one[key]) is not None]
-        both = [(near, other[key]) for mine, other in zip(ours, many, strict=True) if (near := mine[key]) is not None]
+        pairs = [(mine[key], other[key]) for mine, other in zip(ours, many, strict=True)]
+        both = [(near, far) for near, far in pairs if near is not None and far is not None]
         out[key] = {
             "median": float(np.median(values)) if values else None,
-            "worst": max(values, default=None),
-            "nearer": sum(other is None or near <= other + AS_NEAR for near, other in both),
+            "worst": max(filter(_through, values), default=None),
+            "nearer": sum(_through(near) and near <= far + AS_NEAR for near, far in both),
             "of": len(both),
         }
     return out
+
+
+def _through(error: float | None) -> bool:
+    return error is not None and math.isfinite(error)
 
 
 def table(found: dict[str, dict[str, Any]]) -> Table:

@@ -39,9 +39,9 @@ class Judge:
         return np.linalg.norm(np.array(at) - self.reference[:count], axis=2).max(axis=1)
 
     def __call__(self, answer: dict[str, Any]) -> dict[str, float | None]:
-        """Of one run: error against the reference early and at the horizon [m], when it parted from it [s], deepest
-        overlap [m], creep: the fastest body over the second half, of a scene at rest [m/s], largest gain of energy and
-        final change [J], loops' largest gap [m]."""
+        """Of one run: error against the reference early and at the horizon [m], None where it stopped before; when it
+        parted from it [s], deepest overlap [m], creep: the fastest body over the second half, of a scene at rest [m/s],
+        largest gain of energy and final change [J], loops' largest gap [m]."""
         states = [(np.array(q), np.array(v)) for q, v in answer["states"]]
         error = self.errors(states)
         early = round(EARLY / LOOK)
@@ -53,10 +53,10 @@ class Judge:
         gaps = [np.abs(self.world.constraint_gaps(q)).max() for q, _ in states] if self.world.constraints else []
         return {
             "error_early": float(error[early]) if early < len(error) else None,
-            "error_horizon": float(error[-1]),
+            "error_horizon": float(error[-1]) if len(error) == len(self.reference) else None,
             "parted": float(parted[0] * LOOK) if parted.size else None,
             "overlap": max(overlap, 0.0),
-            "creep": float(moved / ((len(states) - 1 - half) * LOOK)) if self.at_rest else None,
+            "creep": float(moved / ((len(states) - 1 - half) * LOOK)) if self.at_rest and len(states) > 1 else None,
             "energy_gain": float((energies - energies[0]).max()),
             "energy_change": float(energies[-1] - energies[0]),
             "loop_gap": float(max(gaps)) if gaps else None,

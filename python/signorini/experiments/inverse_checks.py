@@ -343,7 +343,9 @@ def run(options: Options, done: int) -> Checks:
             one = round_trips(make, stiffness, num_states)
             trips[f"{name}, {kind}"] = one
             worst, counts = one["worst"], one["counts"]
-            table.append([name, kind, *(str(counts[key]) for key in counts), *(f"{worst[key]:.1e}" for key in worst)])
+            measured = {**worst, "any motion": math.nan} if kind == "rigid" else worst
+            errors = ["" if math.isnan(value) else f"{value:.1e}" for value in measured.values()]
+            table.append([name, kind, *map(str, counts.values()), *errors])
             trip = max(worst["warm"], worst["zero guess"], worst["any motion"])
             out.verdicts.append(
                 Verdict(

@@ -514,15 +514,15 @@ def _verdicts(name: str, scene: dict[str, Any], steps: int) -> list[Verdict]:
         said = f"{ratio:.2f} times the steps/s; at the end {millimetres(mine)} mm off, it {millimetres(theirs)}"
         found = scene.get("starts", {}).get("summary", {})
         if label in found:
-            own = f"{millimetres(ours['error_horizon'])} mm, it {millimetres(results[label]['error_horizon'])}"
-            said += f" (median of {found[label]['count']} starts; the scene's own: {own})"
-        met = ratio >= 1.0 and mine <= theirs
+            own, its = (millimetres(_inf(one["error_horizon"])) for one in (ours, results[label]))
+            said += f" (median of {found[label]['count']} starts; the scene's own: {own} mm, it {its})"
+        met = ratio >= 1.0 and _as_near(mine, theirs)
         verdicts.append(Verdict(f"{name}: steps/s of {label} or more, at no larger error", said, "both", met))
         if label in found:
             early, it = found[OURS]["early"]["median"], found[label]["early"]["median"]
             if early is not None and it is not None:
                 both = f"{millimetres(early)} mm, {millimetres(it)} mm"
-                near = early <= it + _starts.AS_NEAR
+                near = _as_near(early, it + _starts.AS_NEAR)
                 verdicts.append(
                     Verdict(f"{name}: median error at {EARLY:g} s, ours and {label}", both, "ours not larger", near)
                 )
@@ -540,13 +540,22 @@ def _beside(scene: dict[str, Any]) -> list[str]:
 
 def _held(scene: dict[str, Any], label: str) -> tuple[float, float, float]:
     """Our steps a second over an engine's; our error at the end and its: the medians over the starts, else of the one
-    [m]."""
+    [m]; inf for one that does not get there."""
     ours, it = scene["engines"][OURS], scene["engines"][label]
     found = scene.get("starts", {}).get("summary", {})
     mine, theirs = ours["error_horizon"], it["error_horizon"]
     if label in found:
         mine, theirs = (found[key]["end"]["median"] for key in (OURS, label))
-    return ours["steps_per_second"] / it["steps_per_second"], mine, np.inf if theirs is None else theirs
+    return ours["steps_per_second"] / it["steps_per_second"], _inf(mine), _inf(theirs)
+
+
+def _inf(error: float | None) -> float:
+    return np.inf if error is None else error
+
+
+def _as_near(mine: float, theirs: float) -> bool:
+    """Of two that do not get there neither is near."""
+    return bool(np.isfinite(mine)) and mine <= theirs
 
 
 def _goal(scenes: dict[str, Any]) -> list[Verdict]:
@@ -557,7 +566,7 @@ def _goal(scenes: dict[str, Any]) -> list[Verdict]:
     if len(there) < len(GOAL_SCENES) or not all(_beside(scene) for scene in there.values()):
         return []
     held = {f"{name}, {label}": _held(scene, label) for name, scene in there.items() for label in _beside(scene)}
-    bad = [one for one, (ratio, mine, theirs) in held.items() if ratio < 1.0 or mine > theirs]
+    bad = [one for one, (ratio, mine, theirs) in held.items() if ratio < 1.0 or not _as_near(mine, theirs)]
     worse = [one for one, (ratio, mine, theirs) in held.items() if ratio < 1.0 and mine > theirs]
     said = f"{len(held) - len(bad)} of {len(held)}" + (f"; not: {'; '.join(bad)}" if bad else "")
     claim = f"at or above MuJoCo in steps/s on {', '.join(GOAL_SCENES)} at equal or better accuracy"
@@ -576,7 +585,7 @@ def _plot(numbers: dict[str, Any], path: Path) -> Path:
     for axis, name in zip(axes[0], names, strict=True):
         for k, label in enumerate(labels):
             result = numbers["scenes"][name]["engines"].get(label, {"error": ""})
-            if "error" in result:
+            if "error" in result or result["error_horizon"] is None:
                 continue
             at = result["steps_per_second"], max(1e3 * result["error_horizon"], 1e-6)
             axis.loglog(*at, "os^Dv"[k % 5], color=color[label.split()[0]], label=label)

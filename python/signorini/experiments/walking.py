@@ -40,8 +40,9 @@ class Walk:
     controller [s]. lowest, highest: base over the ground [m]. steepest: angle between base and slope [degrees]. aside:
     largest distance from the middle line [m]. slip: path of sliding feet [m], all together. cone: largest |f_t| - mu
     f_n [N]. bumps: steps at which something else than a foot touched. plan_rate: quadratic programs a second [Hz];
-    unsolved_plans of them; worst_residual: of their optimality conditions. torque: largest [N m]. unsolved: steps of
-    the simulator; worst_relative: certificate. path: (n, 5): time, x, height, tilt, speed ahead, every 10 ms.
+    unsolved_plans of them; worst_residual: of their optimality conditions. torque: largest [N m]. steps: of the
+    simulator, unsolved of them; worst_relative: certificate. path: (n, 5): time, x, height, tilt, speed ahead, every
+    10 ms.
     """
 
     distance: float
@@ -59,6 +60,7 @@ class Walk:
     unsolved_plans: int
     worst_residual: float
     torque: float
+    steps: int
     unsolved: int
     worst_relative: float
     path: Any
@@ -121,6 +123,7 @@ def walk(distance: float, *, friction: float = 0.8, **options: Any) -> Walk:
         unsolved_plans=control.unsolved_plans,
         worst_residual=control.worst_residual,
         torque=torque,
+        steps=len(heights),
         unsolved=simulator.report.unsolved,
         worst_relative=max(relatives),
         path=np.array(path),
@@ -190,7 +193,7 @@ def _table(walks: dict[str, Walk], distance: float) -> tuple[list[str], list[lis
                 f"{max(w.cone for w in some):.0e}",
                 _span([w.plan_rate for w in some], 0),
                 f"{max(w.worst_residual for w in some):.0e}",
-                f"{sum(w.unsolved for w in some)} of {round(1e3 * sum(w.duration for w in some))}",
+                f"{sum(w.unsolved for w in some)} of {sum(w.steps for w in some)}",
                 f"{max(w.worst_relative for w in some):.0e}",
                 _span([w.duration / w.cpu for w in some], 1),
                 _span([w.control_cpu / w.duration for w in some], 2),
