@@ -27,7 +27,7 @@ ROUND_TRIP, BACK = 1e-9, 1e-8  # goals
 MUJOCO_GOAL = 1e-8
 OVERLAP = 2e-4  # contacts have gaps and overlaps up to this [m]
 #: How well the wanted motions are known, how well they are asked for, and the forward steps that check them.
-MADE, ASKED, CHECKED = 1e-13, 1e-8, 1e-12
+MADE, ASKED, CHECKED = 1e-14, 1e-8, 1e-12
 
 
 @dataclass
