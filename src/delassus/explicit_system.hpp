@@ -43,7 +43,7 @@ class ExplicitSystem final : public ScaledDelassus {
   int determinant_sign() const override { return dense_ ? sign_ : analysis_->lu.determinant_sign(); }
   void solve(VectorRef rhs) const override;
   bool reduces() const override { return true; }
-  bool has_columns() const override { return true; }
+  bool cheap_columns() const override { return true; }
   Eigen::Matrix3d diagonal_block(Index set) const override;
   void add_columns(Index set, const double* x, double* y) const override;
   bool factor_reduced(const std::vector<ReducedSet>& sets, double delta) override;

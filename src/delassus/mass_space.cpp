@@ -257,6 +257,11 @@ void MassSpaceSystem::make_columns() const {
   column_blocks_.clear(), first_column_block_.clear(), column_values_.clear();
   for (int i = 0; i < static_cast<int>(set_sizes_.size()); ++i) {
     first_column_block_.push_back(column_blocks_.size());
+    last[i] = i, place[i] = column_values_.size();  // R, also where no velocity moves the row
+    column_blocks_.push_back({i, place[i]});
+    column_values_.resize(place[i] + static_cast<std::size_t>(set_sizes_[i]) * set_sizes_[i], 0.0);
+    for (int r = 0; r < set_sizes_[i]; ++r)
+      column_values_[place[i] + static_cast<std::size_t>(r * set_sizes_[i] + r)] = damping_[set_offsets_[i] + r];
     for (int c = 0; c < set_sizes_[i]; ++c)
       for (SparseMatrix::InnerIterator it(a, set_offsets_[i] + c); it; ++it) {
         const int k = set_of[it.row()];
@@ -267,8 +272,7 @@ void MassSpaceSystem::make_columns() const {
           column_values_.resize(place[k] + static_cast<std::size_t>(set_sizes_[k]) * set_sizes_[i], 0.0);
         }
         const int r = static_cast<int>(it.row()) - set_offsets_[k];
-        column_values_[place[k] + static_cast<std::size_t>(c * set_sizes_[k] + r)] =
-            it.value() + (k == i && r == c ? damping_[it.row()] : 0.0);
+        column_values_[place[k] + static_cast<std::size_t>(c * set_sizes_[k] + r)] += it.value();
       }
   }
   first_column_block_.push_back(column_blocks_.size());

@@ -165,9 +165,9 @@ class Admm {
     w_.penalty.start(admm, m, largest, penalty);
   }
 
-  void keep_best(double relative) {
-    if (!(relative <= best_relative_)) return;
-    best_relative_ = relative;
+  void keep_best(double excess) {
+    if (!(excess <= least_excess_)) return;
+    least_excess_ = excess;
     w_.best = w_.y;
   }
 
@@ -189,7 +189,7 @@ class Admm {
   Solution& solution_;
   const double eta_;
   double primal_ = 0.0, dual_ = 0.0;
-  double best_relative_ = std::numeric_limits<double>::infinity();
+  double least_excess_ = std::numeric_limits<double>::infinity();
 };
 
 }  // namespace

@@ -119,7 +119,7 @@ class Ladder {
   void solve(const GrowVector* guess) {
     proximal_ = law_ == Law::Ncp && problem_.system->reduces();
     active_newton_ = guess && proximal_;
-    const bool sweeps_first = proximal_ && problem_.system->has_columns() && (!guess || aim_ >= kLoose);
+    const bool sweeps_first = proximal_ && problem_.system->cheap_columns() && (!guess || aim_ >= kLoose);
     if (guess && !sweeps_first && newton(*guess, kWarmNewton)) return;
     w_.scratch.setZero(problem_.size());
     offer(w_.scratch, natural_residual(problem_, law_, w_.scratch, problem_.b, w_.newton.natural), SolverType::Auto);

@@ -15,7 +15,7 @@ constexpr int kSweepsBetweenChecks = 10;  // sweeps; a check costs about as much
 
 /// The number by which an iterate is compared with others, and whether it will do.
 struct Judgement {
-  double relative = 0.0;
+  double left = 0.0;
   bool done = false;
 };
 
@@ -31,14 +31,14 @@ double sweep_and_finish(const ContactProblem& problem, const Settings& settings,
   solution.history.clear();
   if (settings.record_history) solution.history.reserve(static_cast<std::size_t>(max_iterations));
 
-  double best_relative = std::numeric_limits<double>::infinity();
+  double least = std::numeric_limits<double>::infinity();
   bool done = false;
   // The certificate, which also refreshes sigma. True when there is nothing more to do.
   const auto check = [&] {
     const Residual certificate = residual(problem, rows.impulse, settings.law, rows.sigma);
     const Judgement now = judge(certificate);
-    if (now.done || now.relative <= best_relative) {
-      best_relative = now.relative;
+    if (now.done || now.left <= least) {
+      least = now.left;
       rows.best = rows.impulse;
     }
     if (settings.record_history && solution.iterations > 0) {
@@ -61,7 +61,7 @@ double sweep_and_finish(const ContactProblem& problem, const Settings& settings,
   }
   solution.impulse = rows.best;
   finish(problem, settings, !done && solution.iterations >= max_iterations, solution);
-  return best_relative;
+  return least;
 }
 
 /// Relative residual of a model that differs from the law at the contacts, as natural_residual has it: max |e| over

@@ -170,11 +170,14 @@ def test_view_serves_until_interrupted(falling):
 
     command = [*SIGNORINI, "view", str(falling), "--port", "0", "--no-open"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        url = process.stdout.readline().split()[0]
-        assert re.fullmatch(r"http://localhost:\d+", url)
-        assert b"<html" in urlopen(url, timeout=20).read()[:200]
-        process.send_signal(signal.SIGINT)
-        process.wait(20)
+        try:
+            url = process.stdout.readline().split()[0]
+            assert re.fullmatch(r"http://localhost:\d+", url)
+            assert b"<html" in urlopen(url, timeout=20).read()[:200]
+            process.send_signal(signal.SIGINT)
+            process.wait(20)
+        finally:
+            process.kill()
     assert process.returncode == 0
 
 

@@ -15,8 +15,9 @@ namespace signorini {
 /// How gaps, overlaps and approach speeds enter the problem (docs/simulation.md, S6 to S9).
 struct CorrectionSettings {
   double time_step = 1e-3;  ///< [s]
-  double baumgarte = 0.2;   ///< share of an overlap that a step of 1 ms or more takes back, less in shorter ones in
-                            ///< proportion; rigid contact, limits
+  /// Share of an overlap that a step of 1 ms or more takes back, less in shorter ones in proportion; rigid contact,
+  /// limits.
+  double baumgarte = 0.2;
   double max_correction_speed = 1.0;    ///< of that [m/s, rad/s]
   double restitution_threshold = 0.05;  ///< approach speed below which nothing bounces [m/s]
 };

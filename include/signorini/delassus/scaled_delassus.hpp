@@ -51,9 +51,9 @@ class ScaledDelassus {
   /// Solves with it in place: rhs and solution start at each set's first row, the rest of its rows is left alone.
   virtual void solve_reduced(VectorRef /*rhs*/) const {}
 
-  /// True when A is at hand, and with it the next two. False where they are there too, once the first call has made A:
+  /// Whether A is at hand, and with it the next two. In mass space the first call of one of them after setup() makes A:
   /// it allocates, and costs about as much as a factorisation.
-  virtual bool has_columns() const { return false; }
+  virtual bool cheap_columns() const { return false; }
   /// The block of A on the rows of a set; of a one-row set, entry (0, 0).
   virtual Eigen::Matrix3d diagonal_block(Index /*set*/) const { return Eigen::Matrix3d::Zero(); }
   /// y += A(:, rows of a set) x.

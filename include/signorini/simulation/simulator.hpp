@@ -13,8 +13,9 @@ namespace signorini {
 struct SimulatorSettings {
   double time_step = 1e-3;  ///< [s], in [1e-6, 0.1]
   Settings solver;          ///< law, method, tolerance
-  double baumgarte =
-      0.2;  ///< share of an overlap that a step of 1 ms or more takes back (S6), in [0, 1]; rigid contact
+  /// Share of an overlap that a step of 1 ms or more takes back, less in shorter ones in proportion (S6), in [0, 1];
+  /// rigid contact.
+  double baumgarte = 0.2;
   double max_correction_speed = 1.0;    ///< of that, and of loops that come apart [m/s, rad/s]
   double restitution_threshold = 0.05;  ///< approach speed below which nothing bounces [m/s]
   /// Points with a gap up to this are part of the problem [m]; < 0: 2 mm, and 3 m/s times the time step. What may come

@@ -9,7 +9,7 @@ namespace signorini {
 /// Projected Gauss-Seidel on a scaled problem of the NCP (ScaledDelassus::reduces), a set at a time, with a few steps
 /// at each visit: cheap first steps for `auto`, a tenth of a Newton iteration each, and between those of proximal
 /// Newton (docs/auto.md). The velocity is kept up to date, so that the certificate costs no product. Nothing allocates
-/// for sizes already seen.
+/// for sizes already seen where ScaledDelassus::cheap_columns().
 class BlockSweeps {
  public:
   /// From `start`, projected on K; from 0 without one. centre: of the problem with A + weight I and b - weight centre.

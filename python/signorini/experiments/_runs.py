@@ -50,8 +50,7 @@ def peer(entry: peers.Peer, tolerance: float, **settings: Any) -> Runner:
 
 def measure(problem: signorini.ContactProblem, runners: Sequence[Runner], repeats: int = REPEATS) -> dict[str, Any]:
     """Every runner on one problem, in turns, `repeats` times when it is quick: the least time, which other work
-    disturbs least, the spread of all, and the certificate of the first answer that is
-    timed: of the second where a run is short."""
+    disturbs least, the spread of all, and the certificate of the first answer that is timed."""
     order = np.random.default_rng(0)
     out: dict[str, dict[str, Any]] = {}
     times: dict[str, list[float]] = {runner.name: [] for runner in runners}
