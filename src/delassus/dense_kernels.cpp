@@ -225,6 +225,219 @@ inline void swap_rows(int n, double* a, int lda, int r, int q) {
   }
 }
 
+#if defined(__AVX512F__)
+constexpr int kRegisters = 3;  // vectors of a column of a panel of 8 that fit into registers
+
+inline __mmask8 mask(unsigned rows) { return static_cast<__mmask8>(rows); }
+
+/// Rows k and r of a panel, k < 8, change places.
+template <int MV>
+inline void swap_rows(V (&a)[kPanel][MV], int k, int r) {
+  const __m512i from_k = _mm512_set1_epi64(k), from_r = _mm512_set1_epi64(r % W);
+#pragma GCC unroll 3
+  for (int v = 0; v < MV; ++v) {
+    if (v != r / W) continue;
+#pragma GCC unroll 8
+    for (int j = 0; j < kPanel; ++j) {
+      const V row_k = _mm512_permutexvar_pd(from_k, a[j][0]), row_r = _mm512_permutexvar_pd(from_r, a[j][v]);
+      a[j][v] = _mm512_mask_mov_pd(a[j][v], mask(1U << r % W), row_k);
+      a[j][0] = _mm512_mask_mov_pd(a[j][0], mask(1U << k), row_r);
+    }
+  }
+}
+
+/// factor_panel() of at most MV vectors a column, in registers.
+template <int MV>
+int factor_panel_in_registers(int width, int p, int n, double* l, int ldl, int* pivots) {
+  const __mmask8 tail = mask((1U << (n - (MV - 1) * W)) - 1U);
+  V a[kPanel][MV], inverses = spread(1.0);
+#pragma GCC unroll 8
+  for (int j = 0; j < kPanel; ++j)
+#pragma GCC unroll 3
+    for (int v = 0; v < MV; ++v)
+      a[j][v] = j < width ? _mm512_maskz_loadu_pd(v == MV - 1 ? tail : mask(0xff), l + j * ldl + v * W) : zero();
+  int sign = 1;
+#pragma GCC unroll 8
+  for (int k = 0; k < kPanel; ++k) {
+    if (k >= width) break;
+    const unsigned candidates = (1U << p) - (1U << k);
+    V best = _mm512_maskz_mov_pd(mask(candidates), _mm512_abs_pd(a[k][0]));
+#pragma GCC unroll 3
+    for (int v = 1; v < MV; ++v)
+      best = _mm512_mask_max_pd(best, mask(candidates >> v * W), best, _mm512_abs_pd(a[k][v]));
+    best = _mm512_max_pd(best, _mm512_shuffle_f64x2(best, best, 0x4e));
+    best = _mm512_max_pd(best, _mm512_shuffle_f64x2(best, best, 0xb1));
+    best = _mm512_max_pd(best, _mm512_permute_pd(best, 0x55));
+    const double largest = _mm512_cvtsd_f64(best);
+    unsigned found = 0;
+#pragma GCC unroll 3
+    for (int v = 0; v < MV; ++v)
+      found |= static_cast<unsigned>(
+                   _mm512_mask_cmp_pd_mask(mask(candidates >> v * W), _mm512_abs_pd(a[k][v]), best, _CMP_EQ_OQ))
+               << v * W;
+    if (!(largest > 0.0 && largest < 1e300) || found == 0) return 0;
+    const int pivot = __builtin_ctz(found);
+    pivots[k] = pivot;
+    if (pivot != k) {
+      sign = -sign;
+      swap_rows<MV>(a, k, pivot);
+    }
+    const __m512i row = _mm512_set1_epi64(k);
+    const V value = _mm512_permutexvar_pd(row, a[k][0]), inverse = _mm512_div_pd(spread(1.0), value);
+    if (_mm512_cvtsd_f64(value) < 0) sign = -sign;
+    const __mmask8 below = mask(0xffU << (k + 1));
+    inverses = _mm512_mask_mov_pd(inverses, mask(1U << k), inverse);
+    V factor[MV];
+    factor[0] = _mm512_maskz_mul_pd(below, a[k][0], inverse);
+    a[k][0] = _mm512_mask_mov_pd(a[k][0], below, factor[0]);
+#pragma GCC unroll 3
+    for (int v = 1; v < MV; ++v) a[k][v] = factor[v] = product(a[k][v], inverse);
+#pragma GCC unroll 8
+    for (int j = k + 1; j < kPanel; ++j) {
+      const V u = _mm512_permutexvar_pd(row, a[j][0]);
+#pragma GCC unroll 3
+      for (int v = 0; v < MV; ++v) a[j][v] = minus_product(a[j][v], factor[v], u);
+    }
+  }
+#pragma GCC unroll 8
+  for (int j = 0; j < kPanel; ++j) {
+    if (j >= width) break;
+    a[j][0] = _mm512_mask_mov_pd(a[j][0], mask(1U << j), inverses);
+#pragma GCC unroll 3
+    for (int v = 0; v < MV; ++v) _mm512_mask_storeu_pd(l + j * ldl + v * W, v == MV - 1 ? tail : mask(0xff), a[j][v]);
+  }
+  return sign;
+}
+
+/// The r <= 8 MV rows of a panel that are no pivots, from row `first` on: A <- A U^-1, U in the panel's first rows.
+template <int MV>
+void divide_rows(int width, int first, int r, double* l, int ldl) {
+  const __mmask8 tail = mask((1U << (r - (MV - 1) * W)) - 1U);
+  V a[kPanel][MV];
+#pragma GCC unroll 8
+  for (int j = 0; j < kPanel; ++j) {
+    if (j >= width) break;
+    double* column = l + j * ldl;
+#pragma GCC unroll 3
+    for (int v = 0; v < MV; ++v)
+      a[j][v] = _mm512_maskz_loadu_pd(v == MV - 1 ? tail : mask(0xff), column + first + v * W);
+#pragma GCC unroll 8
+    for (int k = 0; k < j; ++k) {
+      const V u = spread(column[k]);
+#pragma GCC unroll 3
+      for (int v = 0; v < MV; ++v) a[j][v] = minus_product(a[j][v], a[k][v], u);
+    }
+    const V inverse = spread(column[j]);
+#pragma GCC unroll 3
+    for (int v = 0; v < MV; ++v) {
+      a[j][v] = product(a[j][v], inverse);
+      _mm512_mask_storeu_pd(column + first + v * W, v == MV - 1 ? tail : mask(0xff), a[j][v]);
+    }
+  }
+}
+
+/// Up to N columns of at most MV vectors, the panel's rows first: those <- L11^-1 times them, the rows below -= L21
+/// times the result.
+template <int MV, int N>
+void eliminate_in_registers(int width, int n, const double* l, int ldl, int count, double* b, int ldb) {
+  const __mmask8 tail = mask((1U << (n - (MV - 1) * W)) - 1U);
+  V x[N][MV];
+#pragma GCC unroll 8
+  for (int j = 0; j < N; ++j)
+#pragma GCC unroll 3
+    for (int v = 0; v < MV; ++v)
+      x[j][v] = j < count ? _mm512_maskz_loadu_pd(v == MV - 1 ? tail : mask(0xff), b + j * ldb + v * W) : zero();
+  for (int k = 0; k < width; ++k) {
+    const double* column = l + k * ldl;
+    V factor[MV];
+#pragma GCC unroll 3
+    for (int v = 0; v < MV; ++v) {
+      const __mmask8 rows = v == MV - 1 ? tail : mask(0xff);
+      factor[v] = _mm512_maskz_loadu_pd(v == 0 ? mask(rows & (0xffU << (k + 1))) : rows, column + v * W);
+    }
+    const __m512i row = _mm512_set1_epi64(k);
+#pragma GCC unroll 8
+    for (int j = 0; j < N; ++j) {
+      const V xk = _mm512_permutexvar_pd(row, x[j][0]);
+#pragma GCC unroll 3
+      for (int v = 0; v < MV; ++v) x[j][v] = minus_product(x[j][v], factor[v], xk);
+    }
+  }
+#pragma GCC unroll 8
+  for (int j = 0; j < N; ++j) {
+    if (j >= count) break;
+#pragma GCC unroll 3
+    for (int v = 0; v < MV; ++v) _mm512_mask_storeu_pd(b + j * ldb + v * W, v == MV - 1 ? tail : mask(0xff), x[j][v]);
+  }
+}
+
+template <int MV>
+void eliminate_columns(int width, int n, const double* l, int ldl, int count, double* b, int ldb) {
+  for (; count > 4; count -= 8, b += 8 * ldb)
+    eliminate_in_registers<MV, 8>(width, n, l, ldl, count < 8 ? count : 8, b, ldb);
+  if (count > 1)
+    eliminate_in_registers<MV, 4>(width, n, l, ldl, count, b, ldb);
+  else if (count == 1)
+    eliminate_in_registers<MV, 1>(width, n, l, ldl, 1, b, ldb);
+}
+#endif
+
+/// LU of a panel of `width` columns and n rows, pivots among the first p; the diagonal of U is stored inverted. Returns
+/// the sign of its determinant as factor_front() does.
+int factor_panel(int width, int p, int n, double* l, int ldl, int* pivots) {
+#if defined(__AVX512F__)
+  if (p <= kRegisters * W) {
+    const int top = n < kRegisters * W ? n : kRegisters * W;
+    const int sign = top <= W       ? factor_panel_in_registers<1>(width, p, top, l, ldl, pivots)
+                     : top <= 2 * W ? factor_panel_in_registers<2>(width, p, top, l, ldl, pivots)
+                                    : factor_panel_in_registers<3>(width, p, top, l, ldl, pivots);
+    if (sign == 0) return 0;
+    int first = top;
+    for (; first + 2 * W < n; first += 3 * W)
+      divide_rows<3>(width, first, n - first < 3 * W ? n - first : 3 * W, l, ldl);
+    if (first + W < n)
+      divide_rows<2>(width, first, n - first, l, ldl);
+    else if (first < n)
+      divide_rows<1>(width, first, n - first, l, ldl);
+    return sign;
+  }
+#endif
+  int sign = 1;
+  for (int k = 0; k < width; ++k) {
+    double* column = l + k * ldl;
+    int pivot = k;
+    double largest = column[k] < 0 ? -column[k] : column[k];
+    for (int i = k + 1; i < p; ++i) {
+      const double value = column[i] < 0 ? -column[i] : column[i];
+      if (value > largest) largest = value, pivot = i;
+    }
+    if (!(largest > 0.0 && largest < 1e300)) return 0;
+    pivots[k] = pivot;
+    if (pivot != k) {
+      sign = -sign;
+      swap_rows(width, l, ldl, k, pivot);
+    }
+    if (column[k] < 0) sign = -sign;
+    const double inverse = 1.0 / column[k];
+    column[k] = inverse;
+    // Again in whole vectors, from the panel's first row on.
+    for (int i = (k + 1) / W * W; i < n; i += W) {
+      const int first = i > k ? 0 : k + 1 - i, last = n - i < W ? n - i : W;
+      const V part = product(load(column + i, first, last), spread(inverse));
+      store(column + i, part, first, last);
+      for (int j = k + 1; j < width; ++j) {
+        double* y = l + j * ldl + i;
+        const V factor = spread(l[j * ldl + k]);
+        if (last == W)
+          store(y, minus_product(load(y), part, factor));
+        else
+          store(y, minus_product(load(y, last), part, factor), last);
+      }
+    }
+  }
+  return sign;
+}
+
 /// inverse (kPanel x kPanel) = -L^-1 for the unit lower triangle L (k x k), padded with zeros.
 inline void negative_unit_inverse(int k, const double* l, int ldl, double* inverse) {
   for (int i = 0; i < kPanel * kPanel; ++i) inverse[i] = 0.0;
@@ -266,6 +479,27 @@ inline void lower_solve(int k, int n, const double* inverse, double* b, int ldb)
   for (; j < n; ++j) apply_inverse<1>(k, inverse, b + j * ldb, ldb);
 }
 
+/// Eliminates a panel from `count` other columns B of n rows: the first `width` rows <- L11^-1 times them, the others
+/// -= L21 times the result.
+void eliminate(int width, int n, const double* l, int ldl, int count, double* b, int ldb) {
+  if (count == 0) return;
+#if defined(__AVX512F__)
+  const int top = n < kRegisters * W ? n : kRegisters * W;
+  if (top <= W)
+    eliminate_columns<1>(width, top, l, ldl, count, b, ldb);
+  else if (top <= 2 * W)
+    eliminate_columns<2>(width, top, l, ldl, count, b, ldb);
+  else
+    eliminate_columns<3>(width, top, l, ldl, count, b, ldb);
+#else
+  const int top = width;
+  double inverse[kPanel * kPanel];
+  negative_unit_inverse(width, l, ldl, inverse);
+  lower_solve(width, count, inverse, b, ldb);
+#endif
+  gemm_minus(n - top, count, width, l + top, ldl, b, ldb, b + top, ldb);
+}
+
 }  // namespace
 
 void multiply(int m, int n, const double* a, int lda, const double* x, double* y) {
@@ -299,39 +533,10 @@ int factor_front(int p, int u, double* l, double* up, double* s, int* pivots) {
   int sign = 1;
   for (int k0 = 0; k0 < p; k0 += kPanel) {
     const int k1 = k0 + kPanel < p ? k0 + kPanel : p;
-    // Panel: columns k0..k1, all rows below k0, pivots among the first p rows.
-    for (int k = k0; k < k1; ++k) {
-      double* column = l + k * n;
-      int pivot = k;
-      double largest = column[k] < 0 ? -column[k] : column[k];
-      for (int i = k + 1; i < p; ++i) {
-        const double value = column[i] < 0 ? -column[i] : column[i];
-        if (value > largest) largest = value, pivot = i;
-      }
-      if (!(largest > 0.0 && largest < 1e300)) return 0;
-      pivots[k] = pivot;
-      if (pivot != k) {
-        sign = -sign;
-        swap_rows(k1 - k0, l + k0 * n, n, k, pivot);
-      }
-      if (column[k] < 0) sign = -sign;
-      const double inverse = 1.0 / column[k];
-      column[k] = inverse;
-      // Again in whole vectors, from the panel's first row on.
-      for (int i = k0 + (k + 1 - k0) / W * W; i < n; i += W) {
-        const int first = i > k ? 0 : k + 1 - i, last = n - i < W ? n - i : W;
-        const V part = product(load(column + i, first, last), spread(inverse));
-        store(column + i, part, first, last);
-        for (int j = k + 1; j < k1; ++j) {
-          double* y = l + j * n + i;
-          const V factor = spread(l[j * n + k]);
-          if (last == W)
-            store(y, minus_product(load(y), part, factor));
-          else
-            store(y, minus_product(load(y, last), part, factor), last);
-        }
-      }
-    }
+    const int panel_sign = factor_panel(k1 - k0, p - k0, n - k0, l + k0 * n + k0, n, pivots + k0);
+    if (panel_sign == 0) return 0;
+    sign *= panel_sign;
+    for (int k = k0; k < k1; ++k) pivots[k] += k0;
     for (int k = k0; k < k1; ++k) {
       swap_rows(k0, l, n, k, pivots[k]);
       swap_rows(p - k1, l + k1 * n, n, k, pivots[k]);
@@ -339,12 +544,8 @@ int factor_front(int p, int u, double* l, double* up, double* s, int* pivots) {
     }
     const int width = k1 - k0;
     if (p == k1 && u == 0) break;
-    double inverse[kPanel * kPanel];
-    negative_unit_inverse(width, l + k0 * n + k0, n, inverse);
-    lower_solve(width, p - k1, inverse, l + k1 * n + k0, n);
-    gemm_minus(n - k1, p - k1, width, l + k0 * n + k1, n, l + k1 * n + k0, n, l + k1 * n + k1, n);
-    lower_solve(width, u, inverse, up + k0, p);
-    gemm_minus(p - k1, u, width, l + k0 * n + k1, n, up + k0, p, up + k1, p);
+    eliminate(width, n - k0, l + k0 * n + k0, n, p - k1, l + k1 * n + k0, n);
+    eliminate(width, p - k0, l + k0 * n + k0, n, u, up + k0, p);
   }
   gemm_minus(u, u, p, l + p, n, up, p, s, u);
   return sign;
