@@ -4,21 +4,19 @@
 #include <algorithm>
 #include <cstring>
 #include <numeric>
+#include <utility>
 
 #include "dense_kernels.hpp"
 
 namespace signorini {
 namespace {
 
-using Lists = std::vector<std::vector<int>>;
-
 /// Fill-reducing order of the block graph: order[k] = block eliminated k-th.
-std::vector<int> minimum_degree(const Lists& neighbours) {
-  const int n = static_cast<int>(neighbours.size());
+std::vector<int> minimum_degree(const BlockLists& neighbours) {
+  const int n = neighbours.size();
   std::vector<int> order(static_cast<std::size_t>(n));
   std::iota(order.begin(), order.end(), 0);
-  std::size_t edges = 0;
-  for (const auto& list : neighbours) edges += list.size();
+  const std::size_t edges = neighbours.items.size();
   const double full = 0.5 * n * (n - 1.0);
   if (n < 4 || static_cast<double>(edges) > 0.9 * full) return order;
   SparseMatrix pattern(n, n);  // one triangle: the ordering symmetrises it
@@ -26,7 +24,7 @@ std::vector<int> minimum_degree(const Lists& neighbours) {
   for (int j = 0; j < n; ++j) {
     pattern.startVec(j);
     pattern.insertBack(j, j) = 1.0;
-    for (const int i : neighbours[static_cast<std::size_t>(j)]) pattern.insertBack(i, j) = 1.0;
+    for (const int i : neighbours[j]) pattern.insertBack(i, j) = 1.0;
   }
   pattern.finalize();
   Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, int> permutation;
@@ -36,18 +34,23 @@ std::vector<int> minimum_degree(const Lists& neighbours) {
 }
 
 /// Elimination tree of a symmetric pattern given by the lists of higher-numbered neighbours (Liu 1992).
-std::vector<int> elimination_tree(const Lists& lower) {
-  const int n = static_cast<int>(lower.size());
-  Lists upper(lower.size());  // lower-numbered neighbours
+std::vector<int> elimination_tree(const BlockLists& lower) {
+  const int n = lower.size();
+  BlockLists upper;  // lower-numbered neighbours
+  upper.first.assign(static_cast<std::size_t>(n) + 1, 0);
+  for (const int i : lower.items) ++upper.first[i + 1];
+  std::partial_sum(upper.first.begin(), upper.first.end(), upper.first.begin());
+  upper.items.resize(lower.items.size());
+  std::vector<int> next(upper.first.begin(), upper.first.end() - 1);
   for (int j = 0; j < n; ++j)
-    for (const int i : lower[j]) upper[i].push_back(j);
+    for (const int i : lower[j]) upper.items[next[i]++] = j;
   std::vector<int> parent(n, -1), ancestor(n, -1);
   for (int j = 0; j < n; ++j) {
     for (int i : upper[j]) {
       while (ancestor[i] != -1 && ancestor[i] != j) {
-        const int next = ancestor[i];
+        const int above = ancestor[i];
         ancestor[i] = j;
-        i = next;
+        i = above;
       }
       if (ancestor[i] == -1) ancestor[i] = j, parent[i] = j;
     }
@@ -55,55 +58,91 @@ std::vector<int> elimination_tree(const Lists& lower) {
   return parent;
 }
 
-Lists children_of(const std::vector<int>& parent, std::vector<int>* roots) {
-  Lists children(parent.size());
-  for (int j = 0; j < static_cast<int>(parent.size()); ++j) {
-    if (parent[j] >= 0)
-      children[parent[j]].push_back(j);
-    else if (roots)
-      roots->push_back(j);
+/// Children of each node of a forest, and its roots, as linked lists in ascending order; -1 ends a list.
+struct Children {
+  explicit Children(const std::vector<int>& parent) : first(parent.size(), -1), next(parent.size(), -1) {
+    for (int j = static_cast<int>(parent.size()) - 1; j >= 0; --j) {
+      int& head = parent[j] < 0 ? root : first[parent[j]];
+      next[j] = head;
+      head = j;
+    }
   }
-  return children;
-}
+  std::vector<int> first, next;
+  int root = -1;
+};
 
+/// Nodes of a forest, children before parents.
 std::vector<int> postorder(const std::vector<int>& parent) {
-  std::vector<int> roots, order, stack;
-  const Lists children = children_of(parent, &roots);
-  std::vector<std::size_t> next(parent.size(), 0);
-  for (const int root : roots) {
-    stack.push_back(root);
-    while (!stack.empty()) {
-      const int j = stack.back();
-      if (next[j] < children[j].size()) {
-        stack.push_back(children[j][next[j]++]);
-      } else {
-        order.push_back(j);
-        stack.pop_back();
+  Children children(parent);
+  std::vector<int> order;
+  order.reserve(parent.size());
+  for (int root = children.root; root >= 0; root = children.next[root]) {
+    int j = root;
+    while (true) {
+      if (const int child = children.first[j]; child >= 0) {
+        children.first[j] = children.next[child];
+        j = child;
+        continue;
       }
+      order.push_back(j);
+      if (j == root) break;
+      j = parent[j];
     }
   }
   return order;
 }
 
-/// Renames the blocks: new name k for order[k].
-Lists renumber(const Lists& lower, const std::vector<int>& order) {
-  const int n = static_cast<int>(lower.size());
-  std::vector<int> position(n);
-  for (int k = 0; k < n; ++k) position[order[k]] = k;
-  Lists out(lower.size());
+std::vector<int> inverse_of(const std::vector<int>& order) {
+  std::vector<int> position(order.size());
+  for (std::size_t k = 0; k < order.size(); ++k) position[order[k]] = static_cast<int>(k);
+  return position;
+}
+
+/// Renames the blocks: new name position[j] for j.
+BlockLists renumber(const BlockLists& lower, const std::vector<int>& position) {
+  const int n = lower.size();
+  BlockLists out;
+  out.first.assign(static_cast<std::size_t>(n) + 1, 0);
   for (int j = 0; j < n; ++j)
-    for (const int i : lower[j]) out[std::min(position[i], position[j])].push_back(std::max(position[i], position[j]));
-  for (auto& list : out) std::sort(list.begin(), list.end());
+    for (const int i : lower[j]) ++out.first[std::min(position[i], position[j]) + 1];
+  std::partial_sum(out.first.begin(), out.first.end(), out.first.begin());
+  out.items.resize(lower.items.size());
+  std::vector<int> next(out.first.begin(), out.first.end() - 1);
+  for (int j = 0; j < n; ++j)
+    for (const int i : lower[j])
+      out.items[next[std::min(position[i], position[j])]++] = std::max(position[i], position[j]);
+  for (int j = 0; j < n; ++j) std::sort(out.items.begin() + out.first[j], out.items.begin() + out.first[j + 1]);
   return out;
 }
 
-/// A supernode while supernodes are being merged: its pivots and update rows are blocks.
+/// For each column of L, the blocks below its diagonal block.
+BlockLists structure_of(const BlockLists& lower, const std::vector<int>& parent) {
+  const int n = lower.size();
+  const Children children(parent);
+  std::vector<int> mark(parent.size(), -1);
+  BlockLists out;
+  out.first.reserve(static_cast<std::size_t>(n) + 1);
+  out.items.reserve(2 * lower.items.size());
+  for (int j = 0; j < n; ++j) {
+    mark[j] = j;
+    const auto add = [&](int i) {
+      if (mark[i] != j) mark[i] = j, out.items.push_back(i);
+    };
+    for (const int i : lower[j]) add(i);
+    for (int c = children.first[j]; c >= 0; c = children.next[c])
+      for (int k = out.first[c]; k < out.first[c + 1]; ++k) add(out.items[k]);
+    std::sort(out.items.begin() + out.first[j], out.items.end());
+    out.first.push_back(static_cast<int>(out.items.size()));
+  }
+  return out;
+}
+
+/// A supernode while supernodes are being merged.
 struct Node {
-  std::vector<int> pivots, updates;
+  int last = 0;        // of its pivots, whose structure is its update rows
   int parent = -1;
   int p = 0, u = 0;    // rows
   double zeros = 0.0;  // entries of L that are zero by structure
-  bool merged = false;
 };
 
 /// Merging a child into its parent costs stored zeros and saves overhead: CHOLMOD's rule.
@@ -118,7 +157,7 @@ bool worth_merging(const Node& child, const Node& parent, double* zeros) {
 
 }  // namespace
 
-void BlockLu::analyze(const std::vector<int>& block_sizes, const Lists& neighbours) {
+void BlockLu::analyze(const std::vector<int>& block_sizes, const BlockLists& neighbours) {
   const int num_blocks = static_cast<int>(block_sizes.size());
   offsets_.assign(block_sizes.size(), 0);
   size_ = 0;
@@ -130,6 +169,7 @@ void BlockLu::analyze(const std::vector<int>& block_sizes, const Lists& neighbou
 
   // Storage of the matrix.
   pairs_.clear();
+  pairs_.reserve(block_sizes.size() + neighbours.items.size());
   Index num_values = 0;
   for (int j = 0; j < num_blocks; ++j) {
     pairs_.push_back({j, j, num_values, num_values});
@@ -144,49 +184,32 @@ void BlockLu::analyze(const std::vector<int>& block_sizes, const Lists& neighbou
 
   // Order of elimination, then the structure of each column of L.
   std::vector<int> order = minimum_degree(neighbours);
-  Lists lower = renumber(neighbours, order);
-  std::vector<int> parent = elimination_tree(lower);
+  std::vector<int> parent = elimination_tree(renumber(neighbours, inverse_of(order)));
   {
-    const std::vector<int> post = postorder(parent);
-    std::vector<int> composed(order.size());
-    for (std::size_t k = 0; k < post.size(); ++k) composed[k] = order[post[k]];
-    order = std::move(composed);
-    lower = renumber(neighbours, order);
-    parent = elimination_tree(lower);
-  }
-  Lists structure(lower.size());
-  {
-    const Lists children = children_of(parent, nullptr);
-    std::vector<int> mark(lower.size(), -1);
-    for (int j = 0; j < num_blocks; ++j) {
-      auto& list = structure[j];
-      mark[j] = j;
-      const auto merge = [&](const std::vector<int>& from) {
-        for (const int i : from)
-          if (mark[i] != j) mark[i] = j, list.push_back(i);
-      };
-      merge(lower[j]);
-      for (const int c : children[j]) merge(structure[c]);
-      std::sort(list.begin(), list.end());
+    const std::vector<int> post = postorder(parent), place = inverse_of(post);
+    std::vector<int> ordered(order.size()), parents(order.size());
+    for (std::size_t k = 0; k < post.size(); ++k) {
+      ordered[k] = order[post[k]];
+      parents[k] = parent[post[k]] < 0 ? -1 : place[parent[post[k]]];
     }
+    order.swap(ordered), parent.swap(parents);
   }
+  const BlockLists structure = structure_of(renumber(neighbours, inverse_of(order)), parent);
 
   // Supernodes: first the fundamental ones, then merged with their parents where that pays.
-  const auto size_of = [&](int k) { return block_sizes[order[k]]; };
   std::vector<Node> nodes;
-  std::vector<int> node_of(lower.size(), -1);
+  nodes.reserve(order.size());
+  std::vector<int> node_of(order.size(), -1);
   for (int j = 0; j < num_blocks; ++j) {
     const bool joins = j > 0 && parent[j - 1] == j && structure[j - 1].size() == structure[j].size() + 1;
     if (!joins) nodes.emplace_back();
-    Node& node = nodes.back();
     node_of[j] = static_cast<int>(nodes.size()) - 1;
-    node.pivots.push_back(j);
-    node.p += size_of(j);
-    node.updates = structure[j];
+    nodes.back().p += block_sizes[order[j]];
+    nodes.back().last = j;
   }
   for (Node& node : nodes) {
-    for (const int i : node.updates) node.u += size_of(i);
-    node.parent = node.updates.empty() ? -1 : node_of[node.updates.front()];
+    for (const int i : structure[node.last]) node.u += block_sizes[order[i]];
+    node.parent = parent[node.last] < 0 ? -1 : node_of[parent[node.last]];
   }
   const int num_nodes = static_cast<int>(nodes.size());
   std::vector<int> representative(nodes.size());
@@ -203,56 +226,59 @@ void BlockLu::analyze(const std::vector<int>& block_sizes, const Lists& neighbou
       nodes[s].parent = t;
       continue;
     }
-    nodes[t].pivots.insert(nodes[t].pivots.end(), nodes[s].pivots.begin(), nodes[s].pivots.end());
     nodes[t].p += nodes[s].p;
     nodes[t].zeros = zeros;
-    nodes[s].merged = true;
     representative[s] = t;
   }
   // Number the remaining supernodes in postorder, and the blocks along.
-  std::vector<int> node_parent;
-  std::vector<int> kept;
-  {
-    std::vector<int> index(nodes.size(), -1);
-    for (int s = 0; s < num_nodes; ++s)
-      if (!nodes[s].merged) index[s] = static_cast<int>(kept.size()), kept.push_back(s);
-    for (const int s : kept) node_parent.push_back(nodes[s].parent < 0 ? -1 : index[find(nodes[s].parent)]);
-  }
-  const std::vector<int> post = postorder(node_parent);
-  std::vector<int> new_index(post.size());
-  for (std::size_t k = 0; k < post.size(); ++k) new_index[post[k]] = static_cast<int>(k);
+  std::vector<int> kept, index(nodes.size(), -1), node_parent;
+  for (int s = 0; s < num_nodes; ++s)
+    if (representative[s] == s) index[s] = static_cast<int>(kept.size()), kept.push_back(s);
+  for (const int s : kept) node_parent.push_back(nodes[s].parent < 0 ? -1 : index[find(nodes[s].parent)]);
+  const std::vector<int> post = postorder(node_parent), new_index = inverse_of(post);
 
   supernodes_.assign(post.size(), Supernode());
-  children_.assign(post.size(), {});
-  front_blocks_.clear();
   std::vector<int> rank(block_sizes.size());      // of each block, in the order of elimination
   std::vector<int> super_of(block_sizes.size());  // in which it is a pivot
   std::vector<int> place_of(block_sizes.size());  // its position among the pivots there
-  int next_rank = 0;
+  for (int j = 0; j < num_blocks; ++j) {
+    const int k = super_of[order[j]] = new_index[index[find(node_of[j])]];
+    place_of[order[j]] = supernodes_[k].pivot_blocks++;
+  }
+  children_.clear();
+  int num_pivots = 0, num_front_blocks = 0;
   for (std::size_t k = 0; k < post.size(); ++k) {
-    Node& node = nodes[kept[post[k]]];
     Supernode& super = supernodes_[k];
-    std::sort(node.pivots.begin(), node.pivots.end());
     super.parent = node_parent[post[k]] < 0 ? -1 : new_index[node_parent[post[k]]];
-    if (super.parent >= 0) children_[super.parent].push_back(static_cast<int>(k));
-    super.pivot_blocks = static_cast<int>(node.pivots.size());
-    super.update_blocks = static_cast<int>(node.updates.size());
-    for (std::size_t position = 0; position < node.pivots.size(); ++position) {
-      const int block = order[node.pivots[position]];
-      rank[block] = next_rank++;
-      super_of[block] = static_cast<int>(k);
-      place_of[block] = static_cast<int>(position);
-    }
+    super.update_blocks = structure[nodes[kept[post[k]]].last].size();
+    super.blocks = num_front_blocks;
+    super.first = num_pivots;  // in blocks, here
+    num_pivots += super.pivot_blocks;
+    num_front_blocks += super.pivot_blocks + super.update_blocks;
+    if (super.parent >= 0) ++supernodes_[super.parent].num_children;
   }
+  front_blocks_.resize(static_cast<std::size_t>(num_front_blocks));
+  for (const int block : order) {
+    const Supernode& super = supernodes_[super_of[block]];
+    rank[block] = super.first + place_of[block];
+    front_blocks_[super.blocks + place_of[block]] = block;
+  }
+  int num_children = 0;
   for (std::size_t k = 0; k < post.size(); ++k) {
-    Node& node = nodes[kept[post[k]]];
     Supernode& super = supernodes_[k];
-    super.blocks = static_cast<int>(front_blocks_.size());
-    for (const int position : node.pivots) front_blocks_.push_back(order[position]);
-    for (const int position : node.updates) front_blocks_.push_back(order[position]);
-    std::sort(front_blocks_.end() - super.update_blocks, front_blocks_.end(),
-              [&](int x, int y) { return rank[x] < rank[y]; });
+    super.children = num_children;
+    num_children += std::exchange(super.num_children, 0);
+    int* updates = front_blocks_.data() + super.blocks + super.pivot_blocks;
+    int* end = updates;
+    for (const int position : structure[nodes[kept[post[k]]].last]) *end++ = order[position];
+    std::sort(updates, end, [&](int x, int y) { return rank[x] < rank[y]; });
   }
+  children_.resize(static_cast<std::size_t>(num_children));
+  for (std::size_t k = 0; k < post.size(); ++k)
+    if (supernodes_[k].parent >= 0) {
+      Supernode& above = supernodes_[supernodes_[k].parent];
+      children_[above.children + above.num_children++] = static_cast<int>(k);
+    }
   const auto position_in = [&](const Supernode& super, int block) {
     if (&supernodes_[super_of[block]] == &super) return place_of[block];
     const int* first = front_blocks_.data() + super.blocks + super.pivot_blocks;
@@ -267,18 +293,17 @@ void BlockLu::analyze(const std::vector<int>& block_sizes, const Lists& neighbou
       parent_position_[super.blocks + k] = position_in(supernodes_[super.parent], front_blocks_[super.blocks + k]);
   }
   // Block (a, b), b eliminated first, lies in b's L; block (b, a) in b's U, or in its L when a is a pivot there too.
-  std::vector<std::vector<BlockEntry>> entries(supernodes_.size());
+  const auto eliminated_first = [&](const Pair& pair) { return rank[pair.i] < rank[pair.j] ? pair.i : pair.j; };
+  for (const Pair& pair : pairs_) ++supernodes_[super_of[eliminated_first(pair)]].block_entries;
+  int num_entries = 0;
+  for (Supernode& super : supernodes_) num_entries += std::exchange(super.block_entries, num_entries);
+  block_entries_.resize(pairs_.size());
   for (const Pair& pair : pairs_) {
-    int a = pair.i, b = pair.j;
-    Index ab = pair.lower, ba = pair.upper;
-    if (rank[a] < rank[b]) std::swap(a, b), std::swap(ab, ba);
-    const Supernode& super = supernodes_[super_of[b]];
-    entries[super_of[b]].push_back({ab, ba, position_in(super, a), position_in(super, b)});
-  }
-  block_entries_.clear();
-  for (std::size_t k = 0; k < supernodes_.size(); ++k) {
-    block_entries_.insert(block_entries_.end(), entries[k].begin(), entries[k].end());
-    supernodes_[k].block_entries = static_cast<int>(block_entries_.size());
+    const int b = eliminated_first(pair), a = pair.i + pair.j - b;
+    Supernode& super = supernodes_[super_of[b]];
+    const bool swapped = a != pair.i;
+    block_entries_[super.block_entries++] = {swapped ? pair.upper : pair.lower, swapped ? pair.lower : pair.upper,
+                                             position_in(super, a), position_in(super, b)};
   }
 
   // Room for the largest sizes.
@@ -286,11 +311,14 @@ void BlockLu::analyze(const std::vector<int>& block_sizes, const Lists& neighbou
   sizes_.clear();
   set_sizes(block_sizes);
   Index num_factors = 0, stack = 0, top = 0, largest = 0, widest = 0;
-  for (std::size_t k = 0; k < supernodes_.size(); ++k) {
-    const Index p = supernodes_[k].pivots, u = supernodes_[k].updates;
+  for (const Supernode& super : supernodes_) {
+    const Index p = super.pivots, u = super.updates;
     num_factors += (p + 2 * u) * p;
     // The stack holds the children's updates until the parent has taken them.
-    for (const int c : children_[k]) top -= static_cast<Index>(supernodes_[c].updates) * supernodes_[c].updates;
+    for (int c = super.children; c < super.children + super.num_children; ++c) {
+      const Index updates = supernodes_[children_[c]].updates;
+      top -= updates * updates;
+    }
     top += u * u;
     stack = std::max(stack, top);
     largest = std::max(largest, u * u);
@@ -367,12 +395,12 @@ void BlockLu::set_sizes(const std::vector<int>& block_sizes) {
   }
 }
 
-void BlockLu::extend_add(const Supernode& super, double*& top, const std::vector<int>& children) {
+void BlockLu::extend_add(const Supernode& super, double*& top) {
   const int p = super.pivots, u = super.updates, n = p + u;
   double* l = factors_.data() + super.lower;
   double* up = factors_.data() + super.upper;
-  for (auto c = children.rbegin(); c != children.rend(); ++c) {  // the last child's is on top of the stack
-    const Supernode& child = supernodes_[*c];
+  for (int c = super.num_children - 1; c >= 0; --c) {  // the last child's is on top of the stack
+    const Supernode& child = supernodes_[children_[super.children + c]];
     const int m = child.updates;
     const int* rows = relative_.data() + child.rows;
     top -= static_cast<Index>(m) * m;
@@ -392,10 +420,10 @@ void BlockLu::extend_add(const Supernode& super, double*& top, const std::vector
   }
 }
 
-void BlockLu::extend_add_symmetric(const Supernode& super, double*& top, const std::vector<int>& children) {
+void BlockLu::extend_add_symmetric(const Supernode& super, double*& top) {
   const int p = super.pivots, u = super.updates, n = p + u;
-  for (auto c = children.rbegin(); c != children.rend(); ++c) {
-    const Supernode& child = supernodes_[*c];
+  for (int c = super.num_children - 1; c >= 0; --c) {
+    const Supernode& child = supernodes_[children_[super.children + c]];
     const int m = child.updates;
     const int* rows = relative_.data() + child.rows;
     top -= static_cast<Index>(m) * m;
@@ -413,8 +441,7 @@ bool BlockLu::factor() {
   sign_ = 1;
   symmetric_ = false;
   double* top = stack_.data();
-  for (std::size_t k = 0; k < supernodes_.size(); ++k) {
-    const Supernode& super = supernodes_[k];
+  for (const Supernode& super : supernodes_) {
     const int p = super.pivots, u = super.updates;
     double* l = factors_.data() + super.lower;
     double* up = factors_.data() + super.upper;
@@ -422,7 +449,7 @@ bool BlockLu::factor() {
     std::memset(l, 0, static_cast<std::size_t>(p + 2 * u) * p * sizeof(double));  // and U, which follows
     if (u > 0) std::memset(schur, 0, static_cast<std::size_t>(u) * u * sizeof(double));
     for (Index e = super.entries_begin; e < super.entries_end; ++e) copy_in(entries_[e]);
-    extend_add(super, top, children_[k]);
+    extend_add(super, top);
     const int sign = p == 0 ? 1 : kernels.factor_front(p, u, l, up, schur, pivots_.data() + super.first);
     if (sign == 0) {
       sign_ = 0;
@@ -440,8 +467,7 @@ bool BlockLu::factor_symmetric() {
   sign_ = 1;
   symmetric_ = true;
   double* top = stack_.data();
-  for (std::size_t k = 0; k < supernodes_.size(); ++k) {
-    const Supernode& super = supernodes_[k];
+  for (const Supernode& super : supernodes_) {
     const int p = super.pivots, u = super.updates;
     double* l = factors_.data() + super.lower;
     double* schur = schur_.data();
@@ -449,7 +475,7 @@ bool BlockLu::factor_symmetric() {
     if (u > 0) std::memset(schur, 0, static_cast<std::size_t>(u) * u * sizeof(double));
     for (Index e = super.entries_begin; e < super.entries_end; ++e)
       if (entries_[e].lower) copy_in(entries_[e]);
-    extend_add_symmetric(super, top, children_[k]);
+    extend_add_symmetric(super, top);
     if (p > 0 && kernels.cholesky_front(p, u, l, schur) == 0) {
       sign_ = 0;
       return false;

@@ -6,6 +6,20 @@
 
 namespace signorini {
 
+/// For each block a list of other blocks.
+struct BlockLists {
+  std::vector<int> first{0}, items;  ///< of block j: items from first[j] to before first[j + 1]
+
+  struct List {
+    const int *from, *to;
+    const int* begin() const { return from; }
+    const int* end() const { return to; }
+    int size() const { return static_cast<int>(to - from); }
+  };
+  int size() const { return static_cast<int>(first.size()) - 1; }
+  List operator[](int j) const { return {items.data() + first[j], items.data() + first[j + 1]}; }
+};
+
 /// Multifrontal LU of a square matrix of small dense blocks with a symmetric pattern and unsymmetric values: an
 /// approximate-minimum-degree order of the block graph, relaxed supernodes, dense fronts, row pivoting inside a
 /// supernode. After analyze(), nothing here allocates.
@@ -21,7 +35,7 @@ class BlockLu {
 
   /// block_sizes: rows of each diagonal block. neighbours: for each block j the sorted blocks i > j that it shares an
   /// entry with.
-  void analyze(const std::vector<int>& block_sizes, const std::vector<std::vector<int>>& neighbours);
+  void analyze(const std::vector<int>& block_sizes, const BlockLists& neighbours);
 
   Index size() const { return size_; }
   const std::vector<Pair>& pairs() const { return pairs_; }
@@ -45,7 +59,8 @@ class BlockLu {
  private:
   struct Supernode {
     int parent = -1;
-    int blocks = 0;  // where its blocks start in front_blocks_: pivots, then updates
+    int children = 0, num_children = 0;  // where its children start in children_
+    int blocks = 0;                      // where its blocks start in front_blocks_: pivots, then updates
     int pivot_blocks = 0, update_blocks = 0;
     int block_entries = 0;  // where its entries end in block_entries_
     // by set_sizes():
@@ -74,8 +89,8 @@ class BlockLu {
     for (int c = 0; c < entry.columns; ++c)
       for (int r = 0; r < entry.rows; ++r) to[static_cast<Index>(c) * entry.stride + r] = *from++;
   }
-  void extend_add(const Supernode& super, double*& top, const std::vector<int>& children);
-  void extend_add_symmetric(const Supernode& super, double*& top, const std::vector<int>& children);
+  void extend_add(const Supernode& super, double*& top);
+  void extend_add_symmetric(const Supernode& super, double*& top);
 
   Index size_ = 0;
   int sign_ = 0;
@@ -84,7 +99,7 @@ class BlockLu {
   std::vector<double> values_;
   std::vector<int> offsets_, sizes_;  // of each block: first row in the caller's vectors, rows at present
   std::vector<Supernode> supernodes_;
-  std::vector<std::vector<int>> children_;
+  std::vector<int> children_;         // supernodes
   std::vector<int> front_blocks_;     // names of blocks
   std::vector<int> parent_position_;  // of each of them that is an update: position in the parent's front
   std::vector<BlockEntry> block_entries_;

@@ -1,6 +1,7 @@
 #include "explicit_system.hpp"
 
 #include <algorithm>
+#include <numeric>
 
 #include "dense_kernels.hpp"
 
@@ -46,16 +47,18 @@ void ExplicitSystem::analyze(const SparseMatrix& matrix, const ConstraintSets& s
   std::vector<int> set_of(static_cast<std::size_t>(n));
   for (Index i = 0; i < sets.num_sets(); ++i)
     for (Index k = 0; k < sets[i].size(); ++k) set_of[sets[i].offset + k] = static_cast<int>(i);
-  std::vector<std::vector<int>> neighbours(sizes_.size());
+  BlockLists neighbours;
+  neighbours.items.reserve(static_cast<std::size_t>(matrix.nonZeros() / 18));
   std::vector<int> mark(sizes_.size(), -1);
   for (int j = 0; j < static_cast<int>(sizes_.size()); ++j) {
     mark[j] = j;
     for (int c = offsets_[j]; c < offsets_[j] + sizes_[j]; ++c)
       for (SparseMatrix::InnerIterator it(matrix, c); it; ++it) {
         const int i = set_of[it.row()];
-        if (i > j && mark[i] != j) mark[i] = j, neighbours[j].push_back(i);
+        if (i > j && mark[i] != j) mark[i] = j, neighbours.items.push_back(i);
       }
-    std::sort(neighbours[j].begin(), neighbours[j].end());
+    std::sort(neighbours.items.begin() + neighbours.first[j], neighbours.items.end());
+    neighbours.first.push_back(static_cast<int>(neighbours.items.size()));
   }
   lu.analyze(sizes_, neighbours);
   sparse_->find_columns();
@@ -161,17 +164,21 @@ void ExplicitSystem::find_analysis() {
   analysis_->last_use = uses_;
   analysis_->sizes = sizes_;
   analysis_->pattern.clear();
-  std::vector<std::vector<int>> neighbours(sizes_.size());
+  BlockLists neighbours;
+  neighbours.first.assign(sizes_.size() + 1, 0);
   for (const Block& block : blocks) {
     analysis_->pattern.push_back(block.i);
     analysis_->pattern.push_back(block.j);
-    neighbours[block.j].push_back(block.i);
+    ++neighbours.first[block.j + 1];
   }
+  std::partial_sum(neighbours.first.begin(), neighbours.first.end(), neighbours.first.begin());
+  neighbours.items.resize(blocks.size());
+  std::vector<int> next(neighbours.first.begin(), neighbours.first.end() - 1);
+  for (const Block& block : blocks) neighbours.items[next[block.j]++] = block.i;
   BlockLu& lu = analysis_->lu;
   lu.analyze(sizes_, neighbours);
   analysis_->find_columns();
   // lu.pairs() goes by j, then i; blocks by i, then j.
-  std::vector<int> next(sizes_.size());
   analysis_->diagonal_place.resize(sizes_.size());
   for (std::size_t k = 0; k < lu.pairs().size(); ++k)
     if (lu.pairs()[k].i == lu.pairs()[k].j) {

@@ -169,17 +169,19 @@ void MassSpaceSystem::analyze(const SparseMatrix& mass, const SparseMatrix& jaco
     }
 
   // Pattern of N: M, and a clique of blocks per set.
-  std::vector<std::vector<int>> neighbours(block_sizes_.size());
+  std::vector<std::vector<int>> lists(block_sizes_.size());
   for (int c = 0; c < nv; ++c)
     for (SparseMatrix::InnerIterator it(mass, c); it; ++it)
-      if (block_of[it.row()] > block_of[c]) neighbours[block_of[c]].push_back(block_of[it.row()]);
+      if (block_of[it.row()] > block_of[c]) lists[block_of[c]].push_back(block_of[it.row()]);
   for (const auto& list : blocks_of_set)
     for (const int a : list)
       for (const int b : list)
-        if (a > b) neighbours[b].push_back(a);
-  for (auto& list : neighbours) {
+        if (a > b) lists[b].push_back(a);
+  BlockLists neighbours;
+  for (auto& list : lists) {
     std::sort(list.begin(), list.end());
-    list.erase(std::unique(list.begin(), list.end()), list.end());
+    neighbours.items.insert(neighbours.items.end(), list.begin(), std::unique(list.begin(), list.end()));
+    neighbours.first.push_back(static_cast<int>(neighbours.items.size()));
   }
   lu_.analyze(block_sizes_, neighbours);
   std::vector<std::size_t> first_pair(block_sizes_.size() + 1, 0);
