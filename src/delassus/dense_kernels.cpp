@@ -526,6 +526,32 @@ void add_three(int m, const double* a, int lda, const double* x, double* y) {
   }
 }
 
+void multiply_blocks(int n, const int* first, const DenseKernels::BlockAt* blocks, const double* a, const double* x,
+                     double* y) {
+  for (int j = 0; j < n; ++j, y += 3) {
+#if defined(__AVX2__) || defined(__AVX512F__)
+    const __m256i three = _mm256_set_epi64x(0, -1, -1, -1);
+    __m256d s0 = _mm256_setzero_pd(), s1 = s0, s2 = s0;
+    for (int k = first[j]; k < first[j + 1]; ++k) {
+      const double *b = a + blocks[k].start, *v = x + blocks[k].offset;
+      s0 = _mm256_fmadd_pd(_mm256_maskload_pd(b, three), _mm256_broadcast_sd(v), s0);
+      s1 = _mm256_fmadd_pd(_mm256_maskload_pd(b + 3, three), _mm256_broadcast_sd(v + 1), s1);
+      s2 = _mm256_fmadd_pd(_mm256_maskload_pd(b + 6, three), _mm256_broadcast_sd(v + 2), s2);
+    }
+    _mm256_maskstore_pd(y, three, _mm256_add_pd(_mm256_add_pd(s0, s1), s2));
+#else
+    double s0 = 0.0, s1 = 0.0, s2 = 0.0;
+    for (int k = first[j]; k < first[j + 1]; ++k) {
+      const double *b = a + blocks[k].start, *v = x + blocks[k].offset;
+      s0 += b[0] * v[0] + b[3] * v[1] + b[6] * v[2];
+      s1 += b[1] * v[0] + b[4] * v[1] + b[7] * v[2];
+      s2 += b[2] * v[0] + b[5] * v[1] + b[8] * v[2];
+    }
+    y[0] = s0, y[1] = s1, y[2] = s2;
+#endif
+  }
+}
+
 void symmetric_product(int n, int k, const double* a, double* c) { symmetric_minus<true>(n, 0, k, a, n, c, n); }
 
 int factor_front(int p, int u, double* l, double* up, double* s, int* pivots) {

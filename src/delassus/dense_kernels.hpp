@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstddef>
+
 namespace signorini {
 
 /// Dense kernels on column-major arrays, compiled once per instruction set and chosen at the first use.
@@ -7,6 +9,12 @@ namespace signorini {
 ///     [ F11 F12 ]      L = [F11; F21], n x p, holds the factors of F11 and L21 afterwards
 ///     [ F21 F22 ]      U = F12, p x u, holds U12 afterwards; S = F22, u x u, the Schur complement; n = p + u
 struct DenseKernels {
+  /// A 3 x 3 block in a row of blocks: its first row in x, and where its values start, column-major.
+  struct BlockAt {
+    int offset;
+    std::ptrdiff_t start;
+  };
+
   /// Partial LU with row pivoting inside the p pivot rows. The diagonal of U11 is stored inverted. Returns the sign of
   /// det F11: 0 when a pivot is zero or not finite. pivots: p row swaps.
   int (*factor_front)(int p, int u, double* l, double* up, double* s, int* pivots);
@@ -27,6 +35,8 @@ struct DenseKernels {
   void (*multiply)(int m, int n, const double* a, int lda, const double* x, double* y);
   /// y += A x, A of m x 3.
   void (*add_three)(int m, const double* a, int lda, const double* x, double* y);
+  /// y = A x of 3 x 3 blocks: n rows of blocks, row j of those from first[j] to before first[j + 1].
+  void (*multiply_blocks)(int n, const int* first, const BlockAt* blocks, const double* a, const double* x, double* y);
 };
 
 const DenseKernels& dense_kernels();

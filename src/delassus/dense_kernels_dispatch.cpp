@@ -11,9 +11,10 @@
   void symmetric_product(int n, int k, const double* a, double* c);                            \
   void multiply(int m, int n, const double* a, int lda, const double* x, double* y);           \
   void add_three(int m, const double* a, int lda, const double* x, double* y);                 \
+  void multiply_blocks(int n, const int* first, const DenseKernels::BlockAt* blocks, const double* a, const double* x, double* y);\
   constexpr DenseKernels kernels{                                                              \
       &factor_front,      &forward,           &backward, &cholesky_front, &cholesky_forward,   \
-      &cholesky_backward, &symmetric_product, &multiply, &add_three};                          \
+      &cholesky_backward, &symmetric_product, &multiply, &add_three, &multiply_blocks};                          \
   }
 
 #ifdef SIGNORINI_KERNELS_X86

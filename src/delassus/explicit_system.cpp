@@ -128,11 +128,16 @@ void ExplicitSystem::Analysis::find_columns() {
   }
   for (std::size_t k = 0; k < sizes.size(); ++k) first_column_block[k + 1] += first_column_block[k];
   column_blocks.resize(static_cast<std::size_t>(first_column_block.back()));
+  row_blocks.resize(column_blocks.size());
   std::vector<int> next(first_column_block.begin(), first_column_block.end() - 1);
   for (const BlockLu::Pair& pair : lu.pairs()) {
+    row_blocks[next[pair.j]] = {3 * pair.i, pair.upper};
     column_blocks[next[pair.j]++] = {pair.i, pair.lower};
-    if (pair.i != pair.j) column_blocks[next[pair.i]++] = {pair.j, pair.upper};
+    if (pair.i == pair.j) continue;
+    row_blocks[next[pair.i]] = {3 * pair.j, pair.lower};
+    column_blocks[next[pair.i]++] = {pair.j, pair.upper};
   }
+  if (std::any_of(sizes.begin(), sizes.end(), [](int size) { return size != 3; })) row_blocks.clear();
 }
 
 void ExplicitSystem::find_analysis() {
@@ -254,6 +259,11 @@ void ExplicitSystem::apply(const ConstVectorRef& x, VectorRef y) const {
   if (dense_) {
     const auto n = static_cast<int>(size_);
     dense_kernels().multiply(n, n, a_.data(), n, x.data(), y.data());
+    return;
+  }
+  if (!analysis_->row_blocks.empty()) {
+    dense_kernels().multiply_blocks(static_cast<int>(sizes_.size()), analysis_->first_column_block.data(),
+                                    analysis_->row_blocks.data(), a_.data(), x.data(), y.data());
     return;
   }
   y.setZero();

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "block_lu.hpp"
+#include "dense_kernels.hpp"
 #include "signorini/delassus/delassus_operator.hpp"
 
 namespace signorini {
@@ -60,8 +61,9 @@ class ExplicitSystem final : public ScaledDelassus {
       int i;
       Index start;
     };
-    std::vector<int> first_column_block;
+    std::vector<int> first_column_block;  ///< of each set; the same for its rows
     std::vector<ColumnBlock> column_blocks;
+    std::vector<DenseKernels::BlockAt> row_blocks;  ///< A(set, i), where all sets are contacts
     long last_use = 0;
     BlockLu lu;
     void find_columns();
