@@ -371,6 +371,73 @@ void eliminate_in_registers(int width, int n, const double* l, int ldl, int coun
   }
 }
 
+/// The lanes of vector v before row `last`.
+inline __mmask8 rows_before(int last, int v) {
+  return last >= (v + 1) * W ? mask(0xff) : last <= v * W ? mask(0) : mask((1U << (last - v * W)) - 1U);
+}
+
+/// forward() after the swaps of the first n rows, p <= n <= 8 MV, with x and y in one column.
+template <int MV>
+void forward_in_registers(int p, int n, const double* l, int ldl, double* x, double* y) {
+  V z[MV];
+#pragma GCC unroll 3
+  for (int v = 0; v < MV; ++v) z[v] = _mm512_maskz_loadu_pd(rows_before(p, v), x + v * W);
+#pragma GCC unroll 3
+  for (int from = 0; from < MV; ++from)
+    for (int k = from * W; k < p && k < (from + 1) * W; ++k) {
+      const V zk = _mm512_permutexvar_pd(_mm512_set1_epi64(k % W), z[from]);
+      const double* column = l + k * ldl;
+#pragma GCC unroll 3
+      for (int v = from; v < MV; ++v) {
+        const __mmask8 rows = v == from ? mask(rows_before(n, v) & (0xffU << (k % W + 1))) : rows_before(n, v);
+        z[v] = minus_product(z[v], _mm512_maskz_loadu_pd(rows, column + v * W), zk);
+      }
+    }
+#pragma GCC unroll 3
+  for (int v = 0; v < MV; ++v) {
+    const __mmask8 top = rows_before(p, v);
+    _mm512_mask_storeu_pd(x + v * W, top, z[v]);
+    _mm512_mask_storeu_pd(y - p + v * W, mask(rows_before(n, v) & ~top), z[v]);
+  }
+}
+
+/// backward() of p <= 8 MV rows.
+template <int MV>
+void backward_in_registers(int p, int u, const double* l, const double* up, double* x, const double* xu) {
+  const int n = p + u;
+  V z[MV], other[MV];  // two sums: one alone would wait for itself
+#pragma GCC unroll 3
+  for (int v = 0; v < MV; ++v) z[v] = _mm512_maskz_loadu_pd(rows_before(p, v), x + v * W), other[v] = zero();
+  int j = 0;
+  for (; j + 1 < u; j += 2) {
+    const V x0 = spread(xu[j]), x1 = spread(xu[j + 1]);
+#pragma GCC unroll 3
+    for (int v = 0; v < MV; ++v) {
+      z[v] = minus_product(z[v], _mm512_maskz_loadu_pd(rows_before(p, v), up + j * p + v * W), x0);
+      other[v] = minus_product(other[v], _mm512_maskz_loadu_pd(rows_before(p, v), up + (j + 1) * p + v * W), x1);
+    }
+  }
+  if (j < u)
+#pragma GCC unroll 3
+    for (int v = 0; v < MV; ++v)
+      z[v] = minus_product(z[v], _mm512_maskz_loadu_pd(rows_before(p, v), up + j * p + v * W), spread(xu[j]));
+#pragma GCC unroll 3
+  for (int v = 0; v < MV; ++v) z[v] = _mm512_add_pd(z[v], other[v]);
+#pragma GCC unroll 3
+  for (int from = MV - 1; from >= 0; --from)
+    for (int k = (p < (from + 1) * W ? p : (from + 1) * W) - 1; k >= from * W; --k) {
+      const double* column = l + k * n;
+      const V zk = product(_mm512_permutexvar_pd(_mm512_set1_epi64(k % W), z[from]), spread(column[k]));
+      const unsigned bit = 1U << k % W;
+      z[from] = _mm512_mask_mov_pd(z[from], mask(bit), zk);
+      z[from] = minus_product(z[from], _mm512_maskz_loadu_pd(mask(bit - 1U), column + from * W), zk);
+#pragma GCC unroll 3
+      for (int v = 0; v < from; ++v) z[v] = minus_product(z[v], load(column + v * W), zk);
+    }
+#pragma GCC unroll 3
+  for (int v = 0; v < MV; ++v) _mm512_mask_storeu_pd(x + v * W, rows_before(p, v), z[v]);
+}
+
 template <int MV>
 void eliminate_columns(int width, int n, const double* l, int ldl, int count, double* b, int ldb) {
   for (; count > 4; count -= 8, b += 8 * ldb)
@@ -587,6 +654,20 @@ void forward(int p, int u, const double* l, const int* pivots, double* x, double
       x[pivot] = t;
     }
   }
+#if defined(__AVX512F__)
+  if (p <= kRegisters * W) {
+    const int top = n < kRegisters * W ? n : kRegisters * W;
+    if (top <= W)
+      forward_in_registers<1>(p, top, l, n, x, y);
+    else if (top <= 2 * W)
+      forward_in_registers<2>(p, top, l, n, x, y);
+    else
+      forward_in_registers<3>(p, top, l, n, x, y);
+    for (int i = top; i < n; ++i) y[i - p] = 0.0;
+    gemm_minus(n - top, 1, p, l + top, n, x, p, y + (top - p), u);
+    return;
+  }
+#endif
   double work[kBlock];
   for (int k0 = 0; k0 < p; k0 += kBlock) {
     const int k1 = k0 + kBlock < p ? k0 + kBlock : p, m = k1 - k0;
@@ -602,6 +683,11 @@ void forward(int p, int u, const double* l, const int* pivots, double* x, double
 
 void backward(int p, int u, const double* l, const double* up, double* x, const double* xu) {
   const int n = p + u;
+#if defined(__AVX512F__)
+  if (p <= W) return backward_in_registers<1>(p, u, l, up, x, xu);
+  if (p <= 2 * W) return backward_in_registers<2>(p, u, l, up, x, xu);
+  if (p <= 3 * W) return backward_in_registers<3>(p, u, l, up, x, xu);
+#endif
   gemm_minus(p, 1, u, up, p, xu, u, x, p);
   double work[kBlock];
   for (int k1 = p, k0; k1 > 0; k1 = k0) {
