@@ -139,7 +139,7 @@ BlockLists structure_of(const BlockLists& lower, const std::vector<int>& parent)
 
 /// A supernode while supernodes are being merged.
 struct Node {
-  int last = 0;        // of its pivots, whose structure is its update rows
+  int last = 0;  // of its pivots, whose structure is its update rows
   int parent = -1;
   int p = 0, u = 0;    // rows
   double zeros = 0.0;  // entries of L that are zero by structure
@@ -476,7 +476,7 @@ bool BlockLu::factor_symmetric() {
     for (Index e = super.entries_begin; e < super.entries_end; ++e)
       if (entries_[e].lower) copy_in(entries_[e]);
     extend_add_symmetric(super, top);
-    if (p > 0 && kernels.cholesky_front(p, u, l, schur) == 0) {
+    if (p > 0 && kernels.factor_symmetric_front(p, u, l, factors_.data() + super.upper, schur) == 0) {
       sign_ = 0;
       return false;
     }
@@ -493,10 +493,8 @@ void BlockLu::solve(VectorRef rhs) const {
   for (const Supernode& super : supernodes_) {
     if (super.pivots == 0) continue;
     const double* l = factors_.data() + super.lower;
-    if (symmetric_)
-      kernels.cholesky_forward(super.pivots, super.updates, l, x + super.first, update_.data());
-    else
-      kernels.forward(super.pivots, super.updates, l, pivots_.data() + super.first, x + super.first, update_.data());
+    kernels.forward(super.pivots, super.updates, l, symmetric_ ? nullptr : pivots_.data() + super.first,
+                    x + super.first, update_.data());
     const int* rows = rows_.data() + super.rows;
     for (int i = 0; i < super.updates; ++i) x[rows[i]] += update_[i];  // update_ = -L21 x
   }
@@ -505,11 +503,8 @@ void BlockLu::solve(VectorRef rhs) const {
     const int* rows = rows_.data() + super->rows;
     for (int i = 0; i < super->updates; ++i) update_[i] = x[rows[i]];
     const double* l = factors_.data() + super->lower;
-    if (symmetric_)
-      kernels.cholesky_backward(super->pivots, super->updates, l, x + super->first, update_.data());
-    else
-      kernels.backward(super->pivots, super->updates, l, factors_.data() + super->upper, x + super->first,
-                       update_.data());
+    kernels.backward(super->pivots, super->updates, l, factors_.data() + super->upper, x + super->first,
+                     update_.data());
   }
   for (std::size_t k = 0; k < permutation_.size(); ++k) rhs[permutation_[k]] = x[k];
 }

@@ -48,7 +48,7 @@ class BlockLu {
   void set_sizes(const std::vector<int>& block_sizes);
 
   bool factor();
-  /// Factors a symmetric positive definite matrix, by Cholesky, from its lower blocks; false when it is not that.
+  /// Factors a symmetric positive definite matrix, without pivoting, from its lower blocks; false when it is not that.
   bool factor_symmetric();
   int determinant_sign() const { return sign_; }
   /// With the last factorisation, in place. Rows that a block does not have are left alone.
@@ -80,7 +80,7 @@ class BlockLu {
     Index value;
     Index target;  // in factors_
     int rows, columns, stride;
-    bool lower;  // needed by Cholesky
+    bool lower;  // needed by factor_symmetric()
   };
 
   void copy_in(const Entry& entry) {

@@ -149,24 +149,13 @@ void gemm_minus(int m, int n, int k, const double* a, int lda, const double* b, 
   few_columns(n - j, m, k, a, lda, b + j * ldb, 1, ldb, c + j * ldc, ldc);
 }
 
-/// The lower triangle of C (n x n, and m rows below it) -= A A_top^T, or = when Fresh, A (n + m rows) x k. Of the
-/// blocks on the diagonal the upper triangle is written too.
+/// The lower triangle of C (n x n, and m rows below it) -= A B, or = when Fresh, A (n + m rows) x k; B(q, j) =
+/// b[q qs + j js]. Of the blocks on the diagonal the upper triangle is written too.
 template <bool Fresh = false>
-void symmetric_minus(int n, int m, int k, const double* a, int lda, double* c, int ldc) {
+void lower_minus(int n, int m, int k, const double* a, int lda, const double* b, int qs, int js, double* c, int ldc) {
   int j = 0;
-  for (; j + 4 <= n; j += 4) columns<4, Fresh>(n + m - j, k, a + j, lda, a + j, lda, 1, c + j * ldc + j, ldc);
-  few_columns<Fresh>(n - j, n + m - j, k, a + j, lda, a + j, lda, 1, c + j * ldc + j, ldc);
-}
-
-inline double dot(int m, const double* a, const double* b) {
-  V acc = zero();
-  int i = 0;
-  for (; i + W <= m; i += W) acc = plus_product(acc, load(a + i), load(b + i));
-  if (i < m) acc = plus_product(acc, load(a + i, m - i), load(b + i, m - i));
-  double lanes_of[W], sum = 0.0;
-  store(lanes_of, acc);
-  for (int k = 0; k < W; ++k) sum += lanes_of[k];
-  return sum;
+  for (; j + 4 <= n; j += 4) columns<4, Fresh>(n + m - j, k, a + j, lda, b + j * js, qs, js, c + j * ldc + j, ldc);
+  few_columns<Fresh>(n - j, n + m - j, k, a + j, lda, b + j * js, qs, js, c + j * ldc + j, ldc);
 }
 
 /// y (MV vectors, the last one of r lanes when Tail) = A x.
@@ -246,8 +235,9 @@ inline void swap_rows(V (&a)[kPanel][MV], int k, int r) {
   }
 }
 
-/// factor_panel() of at most MV vectors a column, in registers.
-template <int MV>
+/// factor_panel() of at most MV vectors a column, in registers; of a symmetric positive definite matrix by its lower
+/// triangle, without pivoting, when Symmetric.
+template <int MV, bool Symmetric>
 int factor_panel_in_registers(int width, int p, int n, double* l, int ldl, int* pivots) {
   const __mmask8 tail = mask((1U << (n - (MV - 1) * W)) - 1U);
   V a[kPanel][MV], inverses = spread(1.0);
@@ -260,31 +250,41 @@ int factor_panel_in_registers(int width, int p, int n, double* l, int ldl, int* 
 #pragma GCC unroll 8
   for (int k = 0; k < kPanel; ++k) {
     if (k >= width) break;
-    const unsigned candidates = (1U << p) - (1U << k);
-    V best = _mm512_maskz_mov_pd(mask(candidates), _mm512_abs_pd(a[k][0]));
+    if constexpr (!Symmetric) {
+      const unsigned candidates = (1U << p) - (1U << k);
+      V best = _mm512_maskz_mov_pd(mask(candidates), _mm512_abs_pd(a[k][0]));
 #pragma GCC unroll 3
-    for (int v = 1; v < MV; ++v)
-      best = _mm512_mask_max_pd(best, mask(candidates >> v * W), best, _mm512_abs_pd(a[k][v]));
-    best = _mm512_max_pd(best, _mm512_shuffle_f64x2(best, best, 0x4e));
-    best = _mm512_max_pd(best, _mm512_shuffle_f64x2(best, best, 0xb1));
-    best = _mm512_max_pd(best, _mm512_permute_pd(best, 0x55));
-    const double largest = _mm512_cvtsd_f64(best);
-    unsigned found = 0;
+      for (int v = 1; v < MV; ++v)
+        best = _mm512_mask_max_pd(best, mask(candidates >> v * W), best, _mm512_abs_pd(a[k][v]));
+      best = _mm512_max_pd(best, _mm512_shuffle_f64x2(best, best, 0x4e));
+      best = _mm512_max_pd(best, _mm512_shuffle_f64x2(best, best, 0xb1));
+      best = _mm512_max_pd(best, _mm512_permute_pd(best, 0x55));
+      const double largest = _mm512_cvtsd_f64(best);
+      unsigned found = 0;
 #pragma GCC unroll 3
-    for (int v = 0; v < MV; ++v)
-      found |= static_cast<unsigned>(
-                   _mm512_mask_cmp_pd_mask(mask(candidates >> v * W), _mm512_abs_pd(a[k][v]), best, _CMP_EQ_OQ))
-               << v * W;
-    if (!(largest > 0.0 && largest < 1e300) || found == 0) return 0;
-    const int pivot = __builtin_ctz(found);
-    pivots[k] = pivot;
-    if (pivot != k) {
-      sign = -sign;
-      swap_rows<MV>(a, k, pivot);
+      for (int v = 0; v < MV; ++v)
+        found |= static_cast<unsigned>(
+                     _mm512_mask_cmp_pd_mask(mask(candidates >> v * W), _mm512_abs_pd(a[k][v]), best, _CMP_EQ_OQ))
+                 << v * W;
+      if (!(largest > 0.0 && largest < 1e300) || found == 0) return 0;
+      const int pivot = __builtin_ctz(found);
+      pivots[k] = pivot;
+      if (pivot != k) {
+        sign = -sign;
+        swap_rows<MV>(a, k, pivot);
+      }
     }
     const __m512i row = _mm512_set1_epi64(k);
     const V value = _mm512_permutexvar_pd(row, a[k][0]), inverse = _mm512_div_pd(spread(1.0), value);
-    if (_mm512_cvtsd_f64(value) < 0) sign = -sign;
+    if constexpr (Symmetric) {
+      const double pivot = _mm512_cvtsd_f64(value);
+      if (!(pivot > 0.0 && pivot < 1e300)) return 0;
+#pragma GCC unroll 8
+      for (int j = k + 1; j < kPanel; ++j)
+        a[j][0] = _mm512_mask_permutexvar_pd(a[j][0], mask(1U << k), _mm512_set1_epi64(j), a[k][0]);
+    } else {
+      if (_mm512_cvtsd_f64(value) < 0) sign = -sign;
+    }
     const __mmask8 below = mask(0xffU << (k + 1));
     inverses = _mm512_mask_mov_pd(inverses, mask(1U << k), inverse);
     V factor[MV];
@@ -447,27 +447,30 @@ void eliminate_columns(int width, int n, const double* l, int ldl, int count, do
   else if (count == 1)
     eliminate_in_registers<MV, 1>(width, n, l, ldl, 1, b, ldb);
 }
+
+/// factor_panel() of p <= 24, and factor_symmetric_panel().
+template <bool Symmetric>
+int factor_small_panel(int width, int p, int n, double* l, int ldl, int* pivots) {
+  const int top = n < kRegisters * W ? n : kRegisters * W;
+  const int sign = top <= W       ? factor_panel_in_registers<1, Symmetric>(width, p, top, l, ldl, pivots)
+                   : top <= 2 * W ? factor_panel_in_registers<2, Symmetric>(width, p, top, l, ldl, pivots)
+                                  : factor_panel_in_registers<3, Symmetric>(width, p, top, l, ldl, pivots);
+  if (sign == 0) return 0;
+  int first = top;
+  for (; first + 2 * W < n; first += 3 * W) divide_rows<3>(width, first, n - first < 3 * W ? n - first : 3 * W, l, ldl);
+  if (first + W < n)
+    divide_rows<2>(width, first, n - first, l, ldl);
+  else if (first < n)
+    divide_rows<1>(width, first, n - first, l, ldl);
+  return sign;
+}
 #endif
 
 /// LU of a panel of `width` columns and n rows, pivots among the first p; the diagonal of U is stored inverted. Returns
 /// the sign of its determinant as factor_front() does.
 int factor_panel(int width, int p, int n, double* l, int ldl, int* pivots) {
 #if defined(__AVX512F__)
-  if (p <= kRegisters * W) {
-    const int top = n < kRegisters * W ? n : kRegisters * W;
-    const int sign = top <= W       ? factor_panel_in_registers<1>(width, p, top, l, ldl, pivots)
-                     : top <= 2 * W ? factor_panel_in_registers<2>(width, p, top, l, ldl, pivots)
-                                    : factor_panel_in_registers<3>(width, p, top, l, ldl, pivots);
-    if (sign == 0) return 0;
-    int first = top;
-    for (; first + 2 * W < n; first += 3 * W)
-      divide_rows<3>(width, first, n - first < 3 * W ? n - first : 3 * W, l, ldl);
-    if (first + W < n)
-      divide_rows<2>(width, first, n - first, l, ldl);
-    else if (first < n)
-      divide_rows<1>(width, first, n - first, l, ldl);
-    return sign;
-  }
+  if (p <= kRegisters * W) return factor_small_panel<false>(width, p, n, l, ldl, pivots);
 #endif
   int sign = 1;
   for (int k = 0; k < width; ++k) {
@@ -503,6 +506,68 @@ int factor_panel(int width, int p, int n, double* l, int ldl, int* pivots) {
     }
   }
   return sign;
+}
+
+/// LU of a panel of a symmetric positive definite matrix, from its lower triangle; 0 when it is not that.
+int factor_symmetric_panel(int width, int n, double* l, int ldl) {
+#if defined(__AVX512F__)
+  return factor_small_panel<true>(width, width, n, l, ldl, nullptr);
+#else
+  for (int k = 0; k < width; ++k) {
+    double* column = l + k * ldl;
+    if (!(column[k] > 0.0 && column[k] < 1e300)) return 0;
+    const double inverse = 1.0 / column[k];
+    for (int j = k + 1; j < width; ++j) l[j * ldl + k] = column[j];
+    column[k] = inverse;
+    for (int i = k + 1; i < n; ++i) column[i] *= inverse;
+    for (int j = k + 1; j < width; ++j) axpy_minus(n - j, l[j * ldl + k], column + j, l + j * ldl + j);
+  }
+  return 1;
+#endif
+}
+
+#if defined(__AVX512F__)
+inline void transpose(V (&a)[8]) {
+  V pair[8], quad[8];
+#pragma GCC unroll 4
+  for (int i = 0; i < 8; i += 2)
+    pair[i] = _mm512_unpacklo_pd(a[i], a[i + 1]), pair[i + 1] = _mm512_unpackhi_pd(a[i], a[i + 1]);
+#pragma GCC unroll 2
+  for (int i = 0; i < 2; ++i) {
+    quad[i] = _mm512_shuffle_f64x2(pair[i], pair[i + 2], 0x88);
+    quad[i + 2] = _mm512_shuffle_f64x2(pair[i], pair[i + 2], 0xdd);
+    quad[i + 4] = _mm512_shuffle_f64x2(pair[i + 4], pair[i + 6], 0x88);
+    quad[i + 6] = _mm512_shuffle_f64x2(pair[i + 4], pair[i + 6], 0xdd);
+  }
+#pragma GCC unroll 4
+  for (int i = 0; i < 4; ++i) {
+    a[i] = _mm512_shuffle_f64x2(quad[i], quad[i + 4], 0x88);
+    a[i + 4] = _mm512_shuffle_f64x2(quad[i], quad[i + 4], 0xdd);
+  }
+}
+#endif
+
+/// The rows of U beside a symmetric panel: U (width x r) = D L^T for the r rows of L, D^-1 on the panel's diagonal.
+void write_upper(int width, const double* diagonal, int ldl, int r, const double* l, double* up, int ldu) {
+  if (r == 0) return;
+  double d[kPanel] = {};
+  for (int q = 0; q < width; ++q) d[q] = 1.0 / diagonal[q * (ldl + 1)];
+#if defined(__AVX512F__)
+  const V scale = load(d);
+  for (int i = 0; i < r; i += W) {
+    const int rows = r - i < W ? r - i : W;
+    V a[W];
+#pragma GCC unroll 8
+    for (int q = 0; q < W; ++q) a[q] = q < width ? load(l + q * ldl + i, rows) : zero();
+    transpose(a);
+#pragma GCC unroll 8
+    for (int j = 0; j < W; ++j)
+      if (j < rows) store(up + (i + j) * ldu, product(a[j], scale), width);
+  }
+#else
+  for (int q = 0; q < width; ++q)
+    for (int j = 0; j < r; ++j) up[j * ldu + q] = d[q] * l[q * ldl + j];
+#endif
 }
 
 /// inverse (kPanel x kPanel) = -L^-1 for the unit lower triangle L (k x k), padded with zeros.
@@ -619,7 +684,7 @@ void multiply_blocks(int n, const int* first, const DenseKernels::BlockAt* block
   }
 }
 
-void symmetric_product(int n, int k, const double* a, double* c) { symmetric_minus<true>(n, 0, k, a, n, c, n); }
+void symmetric_product(int n, int k, const double* a, double* c) { lower_minus<true>(n, 0, k, a, n, a, n, 1, c, n); }
 
 int factor_front(int p, int u, double* l, double* up, double* s, int* pivots) {
   const int n = p + u;
@@ -646,7 +711,7 @@ int factor_front(int p, int u, double* l, double* up, double* s, int* pivots) {
 
 void forward(int p, int u, const double* l, const int* pivots, double* x, double* y) {
   const int n = p + u;
-  for (int k = 0; k < p; ++k) {
+  for (int k = 0; pivots && k < p; ++k) {
     const int pivot = pivots[k];
     if (pivot != k) {
       const double t = x[k];
@@ -702,47 +767,18 @@ void backward(int p, int u, const double* l, const double* up, double* x, const 
   }
 }
 
-int cholesky_front(int p, int u, double* l, double* s) {
+int factor_symmetric_front(int p, int u, double* l, double* up, double* s) {
   const int n = p + u;
   for (int k0 = 0; k0 < p; k0 += kPanel) {
-    const int k1 = k0 + kPanel < p ? k0 + kPanel : p;
-    for (int k = k0; k < k1; ++k) {
-      double* column = l + k * n;
-      if (!(column[k] > 0.0 && column[k] < 1e300)) return 0;
-      const double inverse = 1.0 / __builtin_sqrt(column[k]);
-      column[k] = inverse;
-      for (int i = k + 1; i < n; ++i) column[i] *= inverse;
-      for (int j = k + 1; j < k1; ++j) axpy_minus(n - j, column[j], column + j, l + j * n + j);
-    }
-    symmetric_minus(p - k1, u, k1 - k0, l + k0 * n + k1, n, l + k1 * n + k1, n);
+    const int k1 = k0 + kPanel < p ? k0 + kPanel : p, width = k1 - k0;
+    double* panel = l + k0 * n + k0;
+    if (factor_symmetric_panel(width, n - k0, panel, n) == 0) return 0;
+    write_upper(width, panel, n, p - k1, panel + width, l + k1 * n + k0, n);
+    write_upper(width, panel, n, u, l + k0 * n + p, up + k0, p);
+    lower_minus(p - k1, u, width, panel + width, n, l + k1 * n + k0, 1, n, l + k1 * n + k1, n);
   }
-  symmetric_minus(u, 0, p, l + p, n, s, u);
+  lower_minus(u, 0, p, l + p, n, up, 1, p, s, u);
   return 1;
-}
-
-void cholesky_forward(int p, int u, const double* l, double* x, double* y) {
-  const int n = p + u;
-  double work[kBlock];
-  for (int k0 = 0; k0 < p; k0 += kBlock) {
-    const int k1 = k0 + kBlock < p ? k0 + kBlock : p, m = k1 - k0;
-    const double* block = l + k0 * n + k0;
-    open_block(m, x + k0, work);
-    for (int k = 0; k < m; ++k) {
-      const double xk = x[k0 + k] = work[k] * block[k * n + k];
-      subtract(k + 1, m, xk, block + k * n, work);
-    }
-    gemm_minus(p - k1, 1, m, l + k0 * n + k1, n, x + k0, p, x + k1, p);
-  }
-  for (int i = 0; i < u; ++i) y[i] = 0.0;
-  gemm_minus(u, 1, p, l + p, n, x, p, y, u);
-}
-
-void cholesky_backward(int p, int u, const double* l, double* x, const double* xu) {
-  const int n = p + u;
-  for (int k = p - 1; k >= 0; --k) {
-    const double* column = l + k * n;
-    x[k] = (x[k] - dot(p - k - 1, column + k + 1, x + k + 1) - dot(u, column + p, xu)) * column[k];
-  }
 }
 
 }  // namespace signorini::SIGNORINI_KERNEL_NAMESPACE

@@ -18,17 +18,13 @@ struct DenseKernels {
   /// Partial LU with row pivoting inside the p pivot rows. The diagonal of U11 is stored inverted. Returns the sign of
   /// det F11: 0 when a pivot is zero or not finite. pivots: p row swaps.
   int (*factor_front)(int p, int u, double* l, double* up, double* s, int* pivots);
-  /// x_p <- L11^-1 P x_p, y = -L21 x_p (u values, overwritten).
+  /// x_p <- L11^-1 P x_p, y = -L21 x_p (u values, overwritten); pivots: null where there was no pivoting.
   void (*forward)(int p, int u, const double* l, const int* pivots, double* x, double* y);
   /// x_p <- U11^-1 (x_p - U12 x_u).
   void (*backward)(int p, int u, const double* l, const double* up, double* x, const double* xu);
-  /// The same for a symmetric positive definite front, of which the lower triangles are read: L11 with its diagonal
-  /// inverted, L21, and the lower triangle of S. Returns 0 when a pivot is not positive or not finite, else 1.
-  int (*cholesky_front)(int p, int u, double* l, double* s);
-  /// x_p <- L11^-1 x_p, y = -L21 x_p.
-  void (*cholesky_forward)(int p, int u, const double* l, double* x, double* y);
-  /// x_p <- L11^-T (x_p - L21^T x_u).
-  void (*cholesky_backward)(int p, int u, const double* l, double* x, const double* xu);
+  /// The same factors of a symmetric positive definite front, without pivoting, of which the lower triangles are read
+  /// and that of S is written. Returns 0 when a pivot is not positive or not finite, else 1.
+  int (*factor_symmetric_front)(int p, int u, double* l, double* up, double* s);
   /// The lower triangle of C (n x n) = A A^T, A n x k; in the upper one something may be overwritten.
   void (*symmetric_product)(int n, int k, const double* a, double* c);
   /// y = A x, A of m x n; y must not be x.

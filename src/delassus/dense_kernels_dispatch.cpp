@@ -1,20 +1,18 @@
 #include "dense_kernels.hpp"
 
-#define SIGNORINI_DECLARE_KERNELS(space)                                                       \
-  namespace signorini::space {                                                                 \
-  int factor_front(int p, int u, double* l, double* up, double* s, int* pivots);               \
-  void forward(int p, int u, const double* l, const int* pivots, double* x, double* y);        \
-  void backward(int p, int u, const double* l, const double* up, double* x, const double* xu); \
-  int cholesky_front(int p, int u, double* l, double* s);                                      \
-  void cholesky_forward(int p, int u, const double* l, double* x, double* y);                  \
-  void cholesky_backward(int p, int u, const double* l, double* x, const double* xu);          \
-  void symmetric_product(int n, int k, const double* a, double* c);                            \
-  void multiply(int m, int n, const double* a, int lda, const double* x, double* y);           \
-  void add_three(int m, const double* a, int lda, const double* x, double* y);                 \
-  void multiply_blocks(int n, const int* first, const DenseKernels::BlockAt* blocks, const double* a, const double* x, double* y);\
-  constexpr DenseKernels kernels{                                                              \
-      &factor_front,      &forward,           &backward, &cholesky_front, &cholesky_forward,   \
-      &cholesky_backward, &symmetric_product, &multiply, &add_three, &multiply_blocks};                          \
+#define SIGNORINI_DECLARE_KERNELS(space)                                                                               \
+  namespace signorini::space {                                                                                         \
+  int factor_front(int p, int u, double* l, double* up, double* s, int* pivots);                                       \
+  void forward(int p, int u, const double* l, const int* pivots, double* x, double* y);                                \
+  void backward(int p, int u, const double* l, const double* up, double* x, const double* xu);                         \
+  int factor_symmetric_front(int p, int u, double* l, double* up, double* s);                                          \
+  void symmetric_product(int n, int k, const double* a, double* c);                                                    \
+  void multiply(int m, int n, const double* a, int lda, const double* x, double* y);                                   \
+  void add_three(int m, const double* a, int lda, const double* x, double* y);                                         \
+  void multiply_blocks(int n, const int* first, const DenseKernels::BlockAt* blocks, const double* a, const double* x, \
+                       double* y);                                                                                     \
+  constexpr DenseKernels kernels{&factor_front,      &forward,  &backward,  &factor_symmetric_front,                   \
+                                 &symmetric_product, &multiply, &add_three, &multiply_blocks};                         \
   }
 
 #ifdef SIGNORINI_KERNELS_X86

@@ -435,7 +435,7 @@ bool ExplicitSystem::factor_reduced(const std::vector<ReducedSet>& sets, double 
     const auto n = static_cast<int>(rows_);
     reduce_dense(delta);
     if (n == 0) return true;
-    symmetric_ = symmetric && dense_kernels().cholesky_front(n, 0, k_.data(), nullptr) != 0;
+    symmetric_ = symmetric && dense_kernels().factor_symmetric_front(n, 0, k_.data(), nullptr, nullptr) != 0;
     if (symmetric_) {
       x_.resize(static_cast<std::size_t>(n));
       return true;
@@ -455,13 +455,8 @@ void ExplicitSystem::solve_reduced(VectorRef rhs) const {
   for (const Active& s : active_)
     for (int r = 0; r < s.size(); ++r) x[s.row + r] = rhs[s.offset + r];
   const DenseKernels& kernels = dense_kernels();
-  if (symmetric_) {
-    kernels.cholesky_forward(n, 0, k_.data(), x, nullptr);
-    kernels.cholesky_backward(n, 0, k_.data(), x, nullptr);
-  } else {
-    kernels.forward(n, 0, k_.data(), pivots_.data(), x, nullptr);
-    kernels.backward(n, 0, k_.data(), nullptr, x, nullptr);
-  }
+  kernels.forward(n, 0, k_.data(), symmetric_ ? nullptr : pivots_.data(), x, nullptr);
+  kernels.backward(n, 0, k_.data(), nullptr, x, nullptr);
   for (const Active& s : active_)
     for (int r = 0; r < s.size(); ++r) rhs[s.offset + r] = x[s.row + r];
 }
