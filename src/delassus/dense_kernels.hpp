@@ -36,5 +36,7 @@ struct DenseKernels {
 };
 
 const DenseKernels& dense_kernels();
+/// Those of the k-th instruction set that this processor has, the best first; null beyond the last one.
+const DenseKernels* dense_kernels(int k);
 
 }  // namespace signorini

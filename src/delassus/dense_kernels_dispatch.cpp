@@ -24,24 +24,23 @@ SIGNORINI_DECLARE_KERNELS(kernels_plain)
 #endif
 
 namespace signorini {
-namespace {
 
-DenseKernels choose() {
+const DenseKernels* dense_kernels(int k) {
 #ifdef SIGNORINI_KERNELS_X86
   __builtin_cpu_init();
-  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"))
-    return kernels_avx512::kernels;
-  if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return kernels_avx2::kernels;
-  return kernels_sse2::kernels;
+  const bool avx512 =
+      __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");
+  const bool avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+  if (avx512 && k-- == 0) return &kernels_avx512::kernels;
+  if (avx2 && k-- == 0) return &kernels_avx2::kernels;
+  return k == 0 ? &kernels_sse2::kernels : nullptr;
 #else
-  return kernels_plain::kernels;
+  return k == 0 ? &kernels_plain::kernels : nullptr;
 #endif
 }
 
-}  // namespace
-
 const DenseKernels& dense_kernels() {
-  static const DenseKernels chosen = choose();
+  static const DenseKernels chosen = *dense_kernels(0);
   return chosen;
 }
 
