@@ -9,6 +9,7 @@
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cstring>
 #include <memory>
@@ -39,6 +40,37 @@ using Column = nb::ndarray<T, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 template <class T>
 nb::object array(const std::vector<T>& x) {
   return nb::cast(nb::ndarray<nb::numpy, const T, nb::ndim<1>>(x.data(), {x.size()}), nb::rv_policy::copy);
+}
+
+template <class T, std::size_t Dimensions>
+nb::object owned(std::vector<T> x, std::array<std::size_t, Dimensions> shape) {
+  auto* kept = new std::vector<T>(std::move(x));
+  nb::capsule owner(kept, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
+  return nb::cast(nb::ndarray<nb::numpy, T>(kept->data(), Dimensions, shape.data(), owner));
+}
+
+/// Of n contacts: geometries (n, 2); position, frame by rows, distance, force, moment and velocity (n, 22); mode (n);
+/// id (n).
+nb::tuple columns(const std::vector<Contact>& contacts) {
+  const std::size_t count = contacts.size();
+  std::vector<int> geometries;
+  std::vector<double> numbers;
+  std::vector<std::uint8_t> modes;
+  std::vector<std::uint64_t> ids;
+  geometries.reserve(2 * count), numbers.reserve(22 * count), modes.reserve(count), ids.reserve(count);
+  for (const Contact& contact : contacts) {
+    geometries.insert(geometries.end(), {contact.geometry_a, contact.geometry_b});
+    const auto add = [&](const Vector3& v) { numbers.insert(numbers.end(), v.data(), v.data() + 3); };
+    add(contact.position);
+    for (int row = 0; row < 3; ++row) add(contact.frame.row(row));
+    numbers.push_back(contact.distance);
+    add(contact.force), add(contact.moment), add(contact.velocity);
+    modes.push_back(static_cast<std::uint8_t>(contact.mode));
+    ids.push_back(contact.id);
+  }
+  return nb::make_tuple(
+      owned<int, 2>(std::move(geometries), {count, 2}), owned<double, 2>(std::move(numbers), {count, 22}),
+      owned<std::uint8_t, 1>(std::move(modes), {count}), owned<std::uint64_t, 1>(std::move(ids), {count}));
 }
 
 Shape convex(Values vertices, Triangles triangles) {
@@ -334,10 +366,6 @@ void bind_model(nb::module_& m) {
 }
 
 void bind_simulation(nb::module_& m) {
-  nb::enum_<ContactMode>(m, "ContactMode")
-      .value("open", ContactMode::Open)
-      .value("stick", ContactMode::Stick)
-      .value("slide", ContactMode::Slide);
   nb::class_<SimulatorSettings>(m, "SimulatorSettings")
       .def(nb::init<>())
       .def_rw("time_step", &SimulatorSettings::time_step)
@@ -375,17 +403,6 @@ void bind_simulation(nb::module_& m) {
       .def_ro("deepest_overlap", &StepReport::deepest_overlap)
       .def_ro("steps", &StepReport::steps)
       .def_ro("unsolved", &StepReport::unsolved);
-  nb::class_<Contact>(m, "Contact")
-      .def_ro("geometry_a", &Contact::geometry_a)
-      .def_ro("geometry_b", &Contact::geometry_b)
-      .def_ro("position", &Contact::position)
-      .def_ro("frame", &Contact::frame)
-      .def_ro("distance", &Contact::distance)
-      .def_ro("force", &Contact::force)
-      .def_ro("velocity", &Contact::velocity)
-      .def_ro("moment", &Contact::moment)
-      .def_ro("mode", &Contact::mode)
-      .def_ro("id", &Contact::id);
   nb::class_<Simulator>(m, "Simulator")
       .def("__init__", [](Simulator* self, const std::shared_ptr<const World>& world,
                           const SimulatorSettings& settings) { new (self) Simulator(world, settings); })
@@ -432,7 +449,7 @@ void bind_simulation(nb::module_& m) {
           "num_steps"_a, "controls"_a, "keep_states"_a, "seconds"_a, "relative"_a, "penetration"_a, "iterations"_a,
           "factorizations"_a, "num_contacts"_a, "solved"_a)
       .def_prop_ro("report", &Simulator::report)
-      .def("contacts", &Simulator::contacts)
+      .def("contacts", [](const Simulator& self) { return columns(self.contacts()); })
       .def("contact_force", &Simulator::contact_force)
       .def("kinetic_energy", &Simulator::kinetic_energy)
       .def("potential_energy", &Simulator::potential_energy)
@@ -542,7 +559,7 @@ void bind_inverse_dynamics(nb::module_& m) {
             return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() / repetitions;
           },
           nb::call_guard<nb::gil_scoped_release>())
-      .def("contacts", &InverseDynamics::contacts)
+      .def("contacts", [](const InverseDynamics& self) { return columns(self.contacts()); })
       .def("points",  // as contacts without force or velocity
            [](const InverseDynamics& self) {
              std::vector<Contact> list;
@@ -556,7 +573,7 @@ void bind_inverse_dynamics(nb::module_& m) {
                contact.id = point.id;
                list.push_back(contact);
              }
-             return list;
+             return columns(list);
            })
       .def("impulse", [](const InverseDynamics& self) { return Vector(self.impulse()); })
       .def("warm_start", [](const InverseDynamics& self,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from signorini import _arrays, _core, _simulator
 from signorini._core import InvalidInputError
-from signorini._simulation import Contact, Simulator, SimulatorSettings, State, contacts_from_core
+from signorini._simulation import Contact, ContactList, Simulator, SimulatorSettings, State
 from signorini._solve import LawName, _choice
 from signorini._world import Array, World
 
@@ -46,7 +46,7 @@ class InverseDynamicsResult:
     residual: float
     relative: float
     worst: str
-    contacts: list[Contact]
+    contacts: ContactList
     v_next: Array
     force: Array
     """(num_v,) torque and root wrench in one: applied as Simulator.applied_force, it makes the motion."""
@@ -117,10 +117,10 @@ class InverseDynamics:
         without any, all but those of free joints."""
         return np.array(self._actuated, dtype=np.bool_)
 
-    def contacts(self, q: ArrayLike) -> list[Contact]:
+    def contacts(self, q: ArrayLike) -> ContactList:
         """The contact points at q, (num_q,): the order and the frames of impulse_guess and contact_impulse."""
         self._core.set_configuration(_arrays.vector("q", q, self.world.num_q))
-        return contacts_from_core(self.world, self._core.points())
+        return ContactList(self.world, self._core.points())
 
     def warm_start(self, simulator: Simulator) -> None:
         """The simulator's next step, if it is from the configuration of the last call, starts from the impulses found
@@ -163,7 +163,7 @@ class InverseDynamics:
             simulator = impulse_guess._core
         elif impulse_guess is not None:
             given.impulse_guess, given.moment_guess = _guess(
-                world, self._core.points(), impulse_guess, self.settings.time_step
+                ContactList(world, self._core.points()), impulse_guess, self.settings.time_step
             )
         has = self._actuated
         if actuated is not None:
@@ -188,7 +188,7 @@ class InverseDynamics:
             residual=out.residual,
             relative=out.relative,
             worst=self._core.worst(),
-            contacts=contacts_from_core(world, self._core.contacts()),
+            contacts=ContactList(world, self._core.contacts()),
             v_next=out.v_next,
             force=force,
         )
@@ -315,19 +315,17 @@ def _wrenches(world: World, given: Mapping[str, ArrayLike]) -> Array:
     return all_of_them
 
 
-def _guess(world: World, points: list[Any], given: Any, time_step: float) -> tuple[Array, Array]:
+def _guess(points: Sequence[Contact], given: Any, time_step: float) -> tuple[Array, Array]:
     """Impulses of forces and of moments."""
     if isinstance(given, Sequence) and given and all(isinstance(one, Contact) for one in given):
-        return _guess_from_contacts(world, points, given, time_step)
+        return _guess_from_contacts(list(points), given, time_step)
     array = np.asarray(given)
     if array.shape == (len(points), 3):
         array = array.ravel()
     return _arrays.vector("impulse_guess", array, 3 * len(points)), np.zeros(0)
 
 
-def _guess_from_contacts(
-    world: World, points: list[Any], given: Sequence[Contact], time_step: float
-) -> tuple[Array, Array]:
+def _guess_from_contacts(points: list[Contact], given: Sequence[Contact], time_step: float) -> tuple[Array, Array]:
     """Of the contacts that are at the same places, in whatever order."""
     out, moments = np.zeros((len(points), 3)), np.zeros((len(points), 3))
     free = set(range(len(points)))
@@ -335,7 +333,7 @@ def _guess_from_contacts(
         nearest, at = _SAME_POINT, None
         for k in free:
             point = points[k]
-            names = world.geometries[point.geometry_a].name, world.geometries[point.geometry_b].name
+            names = point.geometry_a, point.geometry_b
             away = float(np.linalg.norm(point.position - one.position))
             if (one.geometry_a, one.geometry_b) == names and away < nearest:
                 nearest, at = away, k

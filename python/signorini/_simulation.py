@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import operator
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal
+from typing import Any, Literal, SupportsIndex, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,7 @@ from signorini._world import WORLD, Array, World
 
 OnUnsolved = Literal["continue", "warn", "raise"]
 ContactModeName = Literal["open", "stick", "slide"]
+_MODES = np.array(("open", "stick", "slide"))
 _BLOCK = 1000  # steps between two looks at Ctrl-C
 
 
@@ -122,29 +124,72 @@ class Contact:
     id: int
 
 
-def contacts_from_core(world: World, listed: list[Any]) -> list[Contact]:
-    result = []
-    for c in listed:
-        a, b = world.geometries[c.geometry_a], world.geometries[c.geometry_b]
-        result.append(
-            Contact(
-                body_a=world.body_names[a.body],
-                body_b=world.body_names[b.body],
-                geometry_a=a.name,
-                geometry_b=b.name,
-                position=c.position,
-                normal=c.frame[:, 2],
-                frame=c.frame,
-                distance=c.distance,
-                mode=c.mode.name,
-                force=c.frame @ c.force,
-                force_local=c.force,
-                moment_local=c.moment,
-                velocity=c.velocity,
-                id=c.id,
-            )
+class ContactList(Sequence[Contact]):
+    """Contact points of a step: a sequence of Contact, and columns over all n of them, which are far faster to read.
+
+    geometries: (n, 2), of a and b, indices into world.geometries. mode: (n), "open", "stick" or "slide".
+    position, normal, force, force_local, moment_local, velocity: (n, 3); frame: (n, 3, 3); distance, id: (n); each as
+    Contact has it.
+    """
+
+    def __init__(self, world: World, columns: tuple[NDArray[Any], ...]) -> None:
+        geometries, numbers, mode, identity = columns
+        self._world = world
+        self.geometries: NDArray[np.int32] = geometries
+        self.position: Array = numbers[:, :3]
+        self.frame: Array = numbers[:, 3:12].reshape(-1, 3, 3)
+        self.distance: Array = numbers[:, 12]
+        self.force_local: Array = numbers[:, 13:16]
+        self.moment_local: Array = numbers[:, 16:19]
+        self.velocity: Array = numbers[:, 19:22]
+        self.id: NDArray[np.uint64] = identity
+        self._mode = mode
+
+    @property
+    def normal(self) -> Array:
+        return self.frame[:, :, 2]
+
+    @property
+    def force(self) -> Array:
+        return np.asarray(np.einsum("nij,nj->ni", self.frame, self.force_local))
+
+    @property
+    def mode(self) -> NDArray[np.str_]:
+        return np.asarray(_MODES[self._mode])
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+    @overload
+    def __getitem__(self, k: SupportsIndex) -> Contact: ...
+    @overload
+    def __getitem__(self, k: slice) -> list[Contact]: ...
+    def __getitem__(self, k: SupportsIndex | slice) -> Contact | list[Contact]:
+        if isinstance(k, slice):
+            return [self[i] for i in range(*k.indices(len(self)))]
+        i = operator.index(k)
+        a, b = (self._world.geometries[g] for g in self.geometries[i])
+        frame, force = self.frame[i], self.force_local[i]
+        return Contact(
+            body_a=self._world.body_names[a.body],
+            body_b=self._world.body_names[b.body],
+            geometry_a=a.name,
+            geometry_b=b.name,
+            position=self.position[i],
+            normal=frame[:, 2],
+            frame=frame,
+            distance=float(self.distance[i]),
+            mode=cast(ContactModeName, str(_MODES[self._mode[i]])),
+            force=frame @ force,
+            force_local=force,
+            moment_local=self.moment_local[i],
+            velocity=self.velocity[i],
+            id=int(self.id[i]),
         )
-    return result
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{np.count_nonzero(self.mode == mode)} {mode}" for mode in _MODES)
+        return f"ContactList({len(self)} contacts: {counts})"
 
 
 @dataclass(frozen=True)
@@ -395,9 +440,9 @@ class Simulator:
         warnings.warn(message, UnsolvedStepWarning, stacklevel=3)
 
     @property
-    def contacts(self) -> list[Contact]:
+    def contacts(self) -> ContactList:
         """The contact points of the last step, open ones within the margin too; none after reset() and restore()."""
-        return contacts_from_core(self.world, self._core.contacts())
+        return ContactList(self.world, self._core.contacts())
 
     def contact_force(self, body_a: str, body_b: str) -> Array:
         """Total contact force of body a on body b in the last step, world axes [N]."""

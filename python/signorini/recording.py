@@ -65,17 +65,14 @@ class ContactReader:
         self._friction: dict[tuple[int, int], float] = {}
 
     def __call__(self) -> Contacts:
-        listed = self._simulator._core.contacts()
-        count = len(listed)
-        pairs = [(c.geometry_a, c.geometry_b) for c in listed]
-        frame = np.array([c.frame for c in listed]).reshape(count, 3, 3)
-        local = np.array([c.force for c in listed]).reshape(count, 3)
+        contacts = self._simulator.contacts
+        pairs = map(tuple, contacts.geometries.tolist())
         return Contacts(
-            geometries=np.array(pairs, dtype=np.int32).reshape(count, 2),
-            position=np.array([c.position for c in listed], dtype=np.float32).reshape(count, 3),
-            normal=frame[:, :, 2].astype(np.float32),
-            force=np.einsum("nij,nj->ni", frame, local).astype(np.float32),
-            gap=np.array([c.distance for c in listed], dtype=np.float32),
+            geometries=contacts.geometries,
+            position=contacts.position.astype(np.float32),
+            normal=contacts.normal.astype(np.float32),
+            force=contacts.force.astype(np.float32),
+            gap=contacts.distance.astype(np.float32),
             friction=np.array([self._friction_of(pair) for pair in pairs], dtype=np.float32),
         )
 

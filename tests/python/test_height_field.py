@@ -227,7 +227,7 @@ def test_a_field_has_rows_along_y_and_columns_along_x():
     assert min(c.distance for c in high.contacts) == pytest.approx(0.003, abs=2e-5)
     low = on(field, Sphere(0.01), (1.0, -0.9, 0.215), np.zeros(6))
     low.step()
-    assert low.contacts == []
+    assert not low.contacts
 
 
 def test_bad_fields_are_refused():

@@ -122,7 +122,7 @@ def test_a_box_in_the_air_falls_for_nothing():
     v = np.array([0.3, 0.0, -1.0, 0.0, 0.0, 0.0])
     result = inverse_dynamics(world, (world.initial_q, v), v - DT * np.array([0, 0, G, 0, 0, 0]), DT)
     assert result.solved
-    assert result.contacts == []
+    assert not result.contacts
     assert result.contact_impulse.shape == (0, 3)
     assert result.force == pytest.approx(np.zeros(6), abs=1e-9)
     assert (result.worst, result.residual, result.relative) == ("", 0.0, 0.0)
@@ -1235,7 +1235,7 @@ def test_after_a_refused_call_nothing_is_left():
     inverse = InverseDynamics(world, dt=DT)
     with pytest.raises(InvalidInputError, match="other contacts"):
         inverse((away, np.zeros(6)), np.zeros(6), stepped_there)
-    assert inverse._core.contacts() == []
+    assert not len(inverse._core.contacts()[3])
     assert inverse._core.worst() == ""
     other = Simulator(world, time_step=DT)
     other.state.q = away

@@ -192,6 +192,35 @@ def test_contacts_say_who_where_and_how_strong():
     assert {c.id for c in simulator.contacts} == ids
 
 
+def test_columns_of_contacts_say_the_same_as_the_items():
+    world, q, v = scenes.worlds()["boxes"](size=8)
+    simulator = Simulator(world)
+    simulator.state.q, simulator.state.v = q, v
+    modes = set()
+    for _ in range(30):
+        simulator.run(20)
+        contacts = simulator.contacts
+        modes |= set(contacts.mode)
+        for k, one in enumerate(contacts):
+            a, b = (world.geometries[i] for i in contacts.geometries[k])
+            assert (a.name, b.name, world.body_names[a.body]) == (one.geometry_a, one.geometry_b, one.body_a)
+            assert (contacts.mode[k], contacts.id[k], contacts.distance[k]) == (one.mode, one.id, one.distance)
+            for name in ("position", "normal", "frame", "force_local", "moment_local", "velocity"):
+                assert np.array_equal(getattr(contacts, name)[k], getattr(one, name)), name
+            assert contacts.force[k] == pytest.approx(one.force, abs=1e-12)
+        by_world = [world.geometries[i].body == 0 for i in contacts.geometries[:, 0]]
+        whole = sum(simulator.contact_force("world", body) for body in world.body_names[1:])
+        assert contacts.force[by_world].sum(axis=0) == pytest.approx(whole, abs=1e-9)
+    assert modes == {"open", "stick", "slide"}
+    assert [one.id for one in contacts[-2:]] == list(contacts.id[-2:])
+    assert contacts[-1].id == contacts.id[-1]
+    with pytest.raises(IndexError):
+        contacts[len(contacts)]
+    held = contacts.position.copy()
+    simulator.run(20)
+    assert np.array_equal(contacts.position, held)  # of its own
+
+
 def test_contact_problem_is_what_was_solved(tumble, tmp_path):
     simulator = Simulator(tumble)
     simulator.run(300)
@@ -235,7 +264,7 @@ def test_nothing_is_known_of_contacts_after_reset_and_restore():
         simulator.run(400)
         assert len(simulator.contacts) == simulator.report.num_contacts > 0
         forget()
-        assert simulator.contacts == []
+        assert not simulator.contacts
         assert simulator.contact_problem().size == 0
         assert not simulator.contact_force("box-0", "box-1").any()
 

@@ -310,7 +310,7 @@ def times(repetitions: int) -> list[dict[str, Any]]:
             inverse._core.set_configuration(q if k % 2 else elsewhere)  # the last one is q
         detection = (time.perf_counter() - began) / 50 * 1e6
         result = inverse._core.solve(given, None)
-        contacts = len(inverse._core.points())
+        contacts = len(inverse.contacts(q))
         rows.append(
             {
                 "robot": name,
