@@ -6,8 +6,8 @@ find_package(Eigen3 3.4 REQUIRED NO_MODULE)
 set(source_dir ${PROJECT_SOURCE_DIR}/src)
 file(GLOB contact_sources CONFIGURE_DEPENDS ${source_dir}/problem/*.cpp ${source_dir}/delassus/*.cpp
      ${source_dir}/solver/*.cpp)
-set(kernel_source ${source_dir}/delassus/dense_kernels.cpp)
-list(REMOVE_ITEM contact_sources ${kernel_source})
+set(kernel_sources ${source_dir}/delassus/dense_kernels.cpp ${source_dir}/solver/cone_kernels.cpp)
+list(REMOVE_ITEM contact_sources ${kernel_sources})
 
 add_library(signorini_contact STATIC ${contact_sources})
 add_library(signorini::contact ALIAS signorini_contact)
@@ -51,13 +51,15 @@ endforeach()
 target_include_directories(signorini_contact PUBLIC $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/include>
                                                     $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
 
-# The dense kernels: one copy an instruction set, chosen when the library starts; elsewhere one plain copy.
+# The kernels: one copy an instruction set, chosen when the library starts; elsewhere one plain copy.
 function(signorini_add_kernels name)
-  add_library(signorini_kernels_${name} OBJECT ${kernel_source})
+  add_library(signorini_kernels_${name} OBJECT ${kernel_sources})
   if(NOT name STREQUAL "plain")
     target_compile_definitions(signorini_kernels_${name} PRIVATE SIGNORINI_KERNEL_NAMESPACE=kernels_${name})
   endif()
   signorini_compile_options(signorini_kernels_${name})
+  # Without traps the compiler may compute both sides of a choice, eight cones at a time.
+  target_compile_options(signorini_kernels_${name} PRIVATE -fno-trapping-math)
   target_compile_options(signorini_kernels_${name} PRIVATE ${ARGN})
   set_target_properties(signorini_kernels_${name} PROPERTIES CXX_VISIBILITY_PRESET hidden
                                                              VISIBILITY_INLINES_HIDDEN ON)
@@ -69,8 +71,8 @@ if(CMAKE_SYSTEM_PROCESSOR MATCHES "^(x86_64|AMD64)$" AND CMAKE_CXX_COMPILER_ID M
   signorini_add_kernels(avx2 -mavx2 -mfma -ffp-contract=fast)
   signorini_add_kernels(avx512 -mavx512f -mavx512dq -mavx512vl -mprefer-vector-width=512 -mfma -ffp-contract=fast
                         -Wno-maybe-uninitialized)  # of what GCC's own intrinsics leave open on purpose
-  set_property(SOURCE ${source_dir}/delassus/dense_kernels_dispatch.cpp APPEND
-               PROPERTY COMPILE_DEFINITIONS SIGNORINI_KERNELS_X86)
+  set_property(SOURCE ${source_dir}/delassus/dense_kernels_dispatch.cpp ${source_dir}/solver/cone_kernels_dispatch.cpp
+               APPEND PROPERTY COMPILE_DEFINITIONS SIGNORINI_KERNELS_X86)
 else()
   signorini_add_kernels(plain)
 endif()

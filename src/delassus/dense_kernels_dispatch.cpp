@@ -1,4 +1,5 @@
 #include "dense_kernels.hpp"
+#include "instruction_sets.hpp"
 
 #define SIGNORINI_DECLARE_KERNELS(space)                                                                               \
   namespace signorini::space {                                                                                         \
@@ -24,24 +25,5 @@ SIGNORINI_DECLARE_KERNELS(kernels_plain)
 #endif
 
 namespace signorini {
-
-const DenseKernels* dense_kernels(int k) {
-#ifdef SIGNORINI_KERNELS_X86
-  __builtin_cpu_init();
-  const bool avx512 =
-      __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");
-  const bool avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
-  if (avx512 && k-- == 0) return &kernels_avx512::kernels;
-  if (avx2 && k-- == 0) return &kernels_avx2::kernels;
-  return k == 0 ? &kernels_sse2::kernels : nullptr;
-#else
-  return k == 0 ? &kernels_plain::kernels : nullptr;
-#endif
-}
-
-const DenseKernels& dense_kernels() {
-  static const DenseKernels chosen = *dense_kernels(0);
-  return chosen;
-}
-
+SIGNORINI_CHOOSE_KERNELS(DenseKernels, dense_kernels, kernels)
 }  // namespace signorini

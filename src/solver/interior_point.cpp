@@ -10,6 +10,7 @@
 #include <cmath>
 #include <limits>
 
+#include "cone_kernels.hpp"
 #include "finish.hpp"
 #include "no_malloc.hpp"
 
@@ -24,51 +25,8 @@ constexpr double kEquality = 1e-10;  // keeps redundant one-row sets factorable
 // How far inside the cones it starts from a guess: at least, and of the velocity over the largest error.
 constexpr double kInside = 1e-3, kInsideVelocity = 0.3;
 
-using Vector3 = std::array<double, 3>;
-
-double dot(const Vector3& a, const Vector3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-/// x_0^2 - |x_T|^2 as a product, which keeps its digits near the boundary.
-double determinant(const Vector3& x) {
-  const double t = std::sqrt(x[1] * x[1] + x[2] * x[2]);
-  return (x[0] - t) * (x[0] + t);
-}
-
-Vector3 jordan_product(const Vector3& a, const Vector3& b) {
-  return {dot(a, b), a[0] * b[1] + b[0] * a[1], a[0] * b[2] + b[0] * a[2]};
-}
-
-/// Solves jordan_product(a, x) = b.
-Vector3 jordan_divide(const Vector3& a, const Vector3& b) {
-  const double inverse = 1.0 / a[0], x0 = (a[0] * b[0] - a[1] * b[1] - a[2] * b[2]) / determinant(a);
-  return {x0, (b[1] - x0 * a[1]) * inverse, (b[2] - x0 * a[2]) * inverse};
-}
-
-/// Quadratic representation's square root for unit-determinant w: [w0, w_T'; w_T, I + share w_T w_T'], share =
-/// 1 / (1 + w0).
-Vector3 scale(const Vector3& w, double share, const Vector3& v) {
-  const double t = w[1] * v[1] + w[2] * v[2], f = v[0] + t * share;
-  return {w[0] * v[0] + t, v[1] + f * w[1], v[2] + f * w[2]};
-}
-
-Vector3 reflect(const Vector3& w) { return {w[0], -w[1], -w[2]}; }
-
-Vector3 times(double a, const Vector3& v) { return {a * v[0], a * v[1], a * v[2]}; }
-
-/// Largest a with x + a dx in the second-order cone, c = determinant(x): the smallest positive root of
-/// det(dx) a^2 + 2 b a + c.
-double step_to_boundary(const Vector3& x, double c, const Vector3& dx) {
-  const double a = dx[0] * dx[0] - dx[1] * dx[1] - dx[2] * dx[2], b = x[0] * dx[0] - x[1] * dx[1] - x[2] * dx[2];
-  const double discriminant = b * b - a * c;
-  if (discriminant >= 0.0) {
-    const double root = std::sqrt(discriminant);
-    if (b <= 0.0) {
-      if (root > b) return c / (root - b);
-    } else if (a < 0.0) {
-      return (root + b) / -a;
-    }
-  }
-  return dx[0] < 0.0 ? -x[0] / dx[0] : std::numeric_limits<double>::infinity();
+void put(ConeBlock::Row (&rows)[3], std::size_t k, double a0, double a1, double a2) {
+  rows[0][k] = a0, rows[1][k] = a1, rows[2][k] = a2;
 }
 
 }  // namespace
@@ -138,6 +96,7 @@ void InteriorPoint::start(ScaledProblem& problem, Law law, const GrowVector* l_g
     }
   }
 
+  arrange_cones();
   const double dual = 1.0 + (n > 0 ? problem.b.cwiseAbs().maxCoeff() : 0.0);
   // Around a guess and its velocity, as far inside the cones as the guess is off.
   double inside_x = kInside, inside_z = kInside;
@@ -149,18 +108,24 @@ void InteriorPoint::start(ScaledProblem& problem, Law law, const GrowVector* l_g
     if (std::isfinite(error))
       inside_x = std::max(error, kInside), inside_z = std::max(kInsideVelocity * error, kInside);
   }
-  for (Element& e : elements_) {
-    e.x = {options.start_scale, 0.0, 0.0};
-    e.z = {dual, 0.0, 0.0};
+  for (std::size_t i = 0; i < elements_.size(); ++i) {
+    const Element& e = elements_[i];
+    ConeBlock& cones = block_of(i);
+    const std::size_t k = i % ConeBlock::kWidth;
+    put(cones.x, k, options.start_scale, 0.0, 0.0);
+    put(cones.z, k, dual, 0.0, 0.0);
     if (e.line) {
-      if (problem.sets[e.set].type == SetType::Interval) e.x[0] = e.sign * (l_[e.row] - e.bound);
-      l_[e.row] = e.bound + e.sign * e.x[0];
+      if (problem.sets[e.set].type == SetType::Interval) cones.x[0][k] = e.sign * (l_[e.row] - e.bound);
+      l_[e.row] = e.bound + e.sign * cones.x[0][k];
     } else {
-      l_[e.row + 2] = e.x[0] / e.friction;
+      l_[e.row + 2] = cones.x[0][k] / e.friction;
     }
   }
   if (l_guess) {
-    for (Element& e : elements_) {
+    for (std::size_t i = 0; i < elements_.size(); ++i) {
+      const Element& e = elements_[i];
+      ConeBlock& cones = block_of(i);
+      const std::size_t k = i % ConeBlock::kWidth;
       const GrowVector& g = *l_guess;
       if (e.line) {
         const bool interval = problem.sets[e.set].type == SetType::Interval;
@@ -168,18 +133,18 @@ void InteriorPoint::start(ScaledProblem& problem, Law law, const GrowVector* l_g
         const double least = inside_x * std::min(1.0, room);
         double x = std::max(e.sign * (g[e.row] - e.bound), least);
         if (interval) x = std::min(x, std::max(room - least, 0.5 * room));
-        e.x[0] = x;
+        cones.x[0][k] = x;
         l_[e.row] = e.bound + e.sign * x;
-        e.z[0] = std::max(e.sign * t_[e.row], inside_z);
+        cones.z[0][k] = std::max(e.sign * t_[e.row], inside_z);
         continue;
       }
-      e.x = {e.friction * g[e.row + 2], g[e.row], g[e.row + 1]};
-      const double tx = std::hypot(e.x[1], e.x[2]);
-      e.x[0] = std::max(e.x[0], tx) + inside_x;
-      e.z = {t_[e.row + 2] / e.friction, t_[e.row], t_[e.row + 1]};
-      const double tz = std::hypot(e.z[1], e.z[2]);
-      e.z[0] = std::max(e.z[0] + (law == Law::Ncp ? tz : 0.0), tz) + inside_z;
-      l_[e.row] = e.x[1], l_[e.row + 1] = e.x[2], l_[e.row + 2] = e.x[0] / e.friction;
+      const double x1 = g[e.row], x2 = g[e.row + 1], tx = std::hypot(x1, x2);
+      const double x0 = std::max(e.friction * g[e.row + 2], tx) + inside_x;
+      put(cones.x, k, x0, x1, x2);
+      const double z1 = t_[e.row], z2 = t_[e.row + 1], tz = std::hypot(z1, z2);
+      const double normal = t_[e.row + 2] / e.friction + (law == Law::Ncp ? tz : 0.0);
+      put(cones.z, k, std::max(normal, tz) + inside_z, z1, z2);
+      l_[e.row] = x1, l_[e.row + 1] = x2, l_[e.row + 2] = x0 / e.friction;
     }
     for (Index i = 0; i < problem.sets.num_sets(); ++i) {
       const ConstraintSet& set = problem.sets[i];
@@ -191,46 +156,39 @@ void InteriorPoint::start(ScaledProblem& problem, Law law, const GrowVector* l_g
   evaluate();
 }
 
+void InteriorPoint::arrange_cones() {
+  constexpr std::size_t width = ConeBlock::kWidth;
+  cones_.assign((elements_.size() + width - 1) / width, ConeBlock());
+  for (std::size_t i = 0; i < cones_.size() * width; ++i) {
+    ConeBlock& cones = block_of(i);
+    cones.x[0][i % width] = cones.z[0][i % width] = 1.0;
+    cones.weight[i % width] = i < elements_.size() ? 1.0 : 0.0;
+  }
+}
+
 void InteriorPoint::evaluate() {
   problem_->system->apply(l_, t_);
   t_ += problem_->b;
   relative_ = natural_residual(*problem_, law_, l_, t_, natural_);
   residual_ = -t_;
-  mu_ = 0.0;
-  for (const Element& e : elements_) {
-    mu_ += dot(e.x, e.z);
+  for (std::size_t i = 0; i < elements_.size(); ++i) {
+    const Element& e = elements_[i];
+    const ConeBlock& cones = block_of(i);
+    const std::size_t k = i % ConeBlock::kWidth;
     if (e.line) {
-      residual_[e.row] += e.sign * e.z[0];
+      residual_[e.row] += e.sign * cones.z[0][k];
       continue;
     }
-    residual_[e.row] += e.z[1];
-    residual_[e.row + 1] += e.z[2];
-    residual_[e.row + 2] += e.friction * e.z[0];
-    if (law_ == Law::Ncp) residual_[e.row + 2] -= e.friction * std::sqrt(e.z[1] * e.z[1] + e.z[2] * e.z[2]);
+    const double z1 = cones.z[1][k], z2 = cones.z[2][k];
+    residual_[e.row] += z1;
+    residual_[e.row + 1] += z2;
+    residual_[e.row + 2] += e.friction * cones.z[0][k];
+    if (law_ == Law::Ncp) residual_[e.row + 2] -= e.friction * std::sqrt(z1 * z1 + z2 * z2);
   }
   if (any_fixed_)
     for (Index i = 0; i < residual_.size(); ++i)
       if (fixed_[static_cast<std::size_t>(i)]) residual_[i] = 0.0;
-  mu_ /= std::max<double>(1.0, static_cast<double>(elements_.size()));
-}
-
-void InteriorPoint::scalings() {
-  for (Element& e : elements_) {
-    e.det_x = std::max(determinant(e.x), 1e-300), e.det_z = std::max(determinant(e.z), 1e-300);
-    const double dx = std::sqrt(e.det_x), dz = std::sqrt(e.det_z), over_x = 1.0 / dx, over_z = 1.0 / dz;
-    const Vector3 xb = times(over_x, e.x), zb = times(over_z, e.z);
-    const double factor = 0.5 / std::sqrt(0.5 * (1.0 + dot(xb, zb)));
-    e.w = {factor * (xb[0] + zb[0]), factor * (xb[1] - zb[1]), factor * (xb[2] - zb[2])};
-    e.share = 1.0 / (1.0 + e.w[0]);
-    const double s = dz * over_x;
-    e.over_eta = std::sqrt(s), e.eta = dx * over_z * e.over_eta;
-    const Vector3 j = reflect(e.w);  // H = (2 Jw w'J - J) / eta^2
-    for (int r = 0; r < 3; ++r)
-      for (int c = 0; c < 3; ++c) e.h[r][c] = 2.0 * s * j[r] * j[c] + (r == c ? (r == 0 ? -s : s) : 0.0);
-    e.lambda = times(e.over_eta, scale(j, e.share, e.x));
-    const double over_speed = 1.0 / std::max(std::sqrt(e.z[1] * e.z[1] + e.z[2] * e.z[2]), 1e-300);
-    e.u1 = e.z[1] * over_speed, e.u2 = e.z[2] * over_speed;
-  }
+  mu_ = complementarity(0.0) / std::max<double>(1.0, static_cast<double>(elements_.size()));
 }
 
 bool InteriorPoint::factor() {
@@ -238,19 +196,24 @@ bool InteriorPoint::factor() {
   for (Eigen::Matrix3d& block : x_) block.setZero();
   for (Index i = 0; i < problem_->sets.num_sets(); ++i)
     if (problem_->sets[i].size() == 1) x_[static_cast<std::size_t>(i)](0, 0) = kEquality;
-  for (const Element& e : elements_) {
+  for (std::size_t i = 0; i < elements_.size(); ++i) {
+    const Element& e = elements_[i];
+    const ConeBlock& cones = block_of(i);
+    const std::size_t k = i % ConeBlock::kWidth;
     Eigen::Matrix3d& block = x_[static_cast<std::size_t>(e.set)];
+    const double h00 = cones.h[0][k];
     if (e.line) {
-      const int k = problem_->sets[e.set].type == SetType::FrictionCone ? 2 : 0;
-      block(k, k) += e.h[0][0];
+      const int row = problem_->sets[e.set].type == SetType::FrictionCone ? 2 : 0;
+      block(row, row) += h00;
       continue;
     }
-    const double u1 = theta * e.u1, u2 = theta * e.u2, mu = e.friction;
-    double top[3];  // first row of (I - theta E) H
-    for (int c = 0; c < 3; ++c) top[c] = e.h[0][c] - u1 * e.h[1][c] - u2 * e.h[2][c];
-    block << e.h[1][1], e.h[1][2], mu * e.h[1][0],  //
-        e.h[2][1], e.h[2][2], mu * e.h[2][0],       //
-        mu * top[1], mu * top[2], mu * mu * top[0];
+    const double h01 = cones.h[1][k], h02 = cones.h[2][k], h11 = cones.h[3][k], h12 = cones.h[4][k],
+                 h22 = cones.h[5][k];
+    const double u1 = theta * cones.u[0][k], u2 = theta * cones.u[1][k], mu = e.friction;
+    // Normal last; its row is that of (I - theta E) H.
+    block << h11, h12, mu * h01,  //
+        h12, h22, mu * h02,       //
+        mu * (h01 - u1 * h11 - u2 * h12), mu * (h02 - u1 * h12 - u2 * h22), mu * mu * (h00 - u1 * h01 - u2 * h02);
   }
   ++factorizations_;
   if (!any_fixed_) return problem_->system->factor(x_);
@@ -270,51 +233,41 @@ bool InteriorPoint::factor() {
 void InteriorPoint::direction() {
   const double theta = law_ == Law::Ccp ? 0.0 : theta_;
   rhs_ = residual_;
-  for (const Element& e : elements_) {
+  for (std::size_t i = 0; i < elements_.size(); ++i) {
+    const Element& e = elements_[i];
+    const ConeBlock& cones = block_of(i);
+    const std::size_t k = i % ConeBlock::kWidth;
+    const double c0 = cones.centre[0][k], c1 = cones.centre[1][k], c2 = cones.centre[2][k];
     if (e.line) {
-      rhs_[e.row] += e.sign * e.centre[0];
+      rhs_[e.row] += e.sign * c0;
       continue;
     }
-    const double along = theta * (e.u1 * e.centre[1] + e.u2 * e.centre[2]);
-    rhs_[e.row] += e.centre[1];
-    rhs_[e.row + 1] += e.centre[2];
-    rhs_[e.row + 2] += e.friction * (e.centre[0] - along);
+    rhs_[e.row] += c1;
+    rhs_[e.row + 1] += c2;
+    rhs_[e.row + 2] += e.friction * (c0 - theta * (cones.u[0][k] * c1 + cones.u[1][k] * c2));
   }
   problem_->system->solve(rhs_);  // rhs_ is dl from here on
-  for (Element& e : elements_) {
-    if (e.line) {
-      e.dx = {e.sign * rhs_[e.row], 0.0, 0.0};
-      e.dz = {e.centre[0] - e.h[0][0] * e.dx[0], 0.0, 0.0};
-      continue;
-    }
-    e.dx = {e.friction * rhs_[e.row + 2], rhs_[e.row], rhs_[e.row + 1]};
-    for (int r = 0; r < 3; ++r) e.dz[r] = e.centre[r] - e.h[r][0] * e.dx[0] - e.h[r][1] * e.dx[1] - e.h[r][2] * e.dx[2];
+  for (std::size_t i = 0; i < elements_.size(); ++i) {
+    const Element& e = elements_[i];
+    ConeBlock& cones = block_of(i);
+    const std::size_t k = i % ConeBlock::kWidth;
+    if (e.line)
+      cones.dx[0][k] = e.sign * rhs_[e.row];
+    else
+      put(cones.dx, k, e.friction * rhs_[e.row + 2], rhs_[e.row], rhs_[e.row + 1]);
   }
-}
-
-double InteriorPoint::longest_step() const {
-  double step = std::numeric_limits<double>::infinity();
-  for (const Element& e : elements_) {
-    if (e.line) {
-      if (e.dx[0] < 0.0) step = std::min(step, -e.x[0] / e.dx[0]);
-      if (e.dz[0] < 0.0) step = std::min(step, -e.z[0] / e.dz[0]);
-    } else {
-      step = std::min(step, std::min(step_to_boundary(e.x, e.det_x, e.dx), step_to_boundary(e.z, e.det_z, e.dz)));
-    }
-  }
-  return step;
+  cone_kernels().dual_direction(static_cast<int>(cones_.size()), cones_.data());
 }
 
 double InteriorPoint::complementarity(double step) const {
-  double sum = 0.0;
-  for (const Element& e : elements_)
-    for (int k = 0; k < 3; ++k) sum += (e.x[k] + step * e.dx[k]) * (e.z[k] + step * e.dz[k]);
-  return sum;
+  return cone_kernels().complementarity(static_cast<int>(cones_.size()), cones_.data(), step);
 }
 
 bool InteriorPoint::step() {
   const NoMalloc guard;
-  scalings();
+  const ConeKernels& kernels = cone_kernels();
+  const auto num_blocks = static_cast<int>(cones_.size());
+  kernels.scalings(num_blocks, cones_.data());
   if (hold_ > 0)
     --hold_;
   else
@@ -330,43 +283,43 @@ bool InteriorPoint::step() {
   }
 
   // Predictor: straight to complementarity 0.
-  for (Element& e : elements_) e.centre = times(-1.0, e.z);
+  for (ConeBlock& cones : cones_)
+    for (int r = 0; r < 3; ++r)
+      for (int k = 0; k < ConeBlock::kWidth; ++k) cones.centre[r][k] = -cones.z[r][k];
   direction();
   const double count = std::max<double>(1.0, static_cast<double>(elements_.size()));
-  const double affine = std::min(1.0, longest_step());
+  const double affine = std::min(1.0, kernels.longest_step(num_blocks, cones_.data()));
   const double ratio = mu_ > 0.0 ? std::max(complementarity(affine) / count / mu_, 0.0) : 0.0;
   const bool late = negatives_ > 0 || iterations_ > kLateIteration;
   const double least = late ? std::max(kLateCentring, options.least_centring) : options.least_centring;
   const double centring = std::max(least, std::min(1.0, ratio * ratio * ratio));
 
   // Corrector (T21): W c = lambda \ (centring mu e - (W^-1 dx) o (W dz) - lambda o lambda).
-  for (Element& e : elements_) {
-    const Vector3 sx = times(e.over_eta, scale(reflect(e.w), e.share, e.dx));
-    const Vector3 sz = times(e.eta, scale(e.w, e.share, e.dz));
-    const Vector3 second = jordan_product(sx, sz), square = jordan_product(e.lambda, e.lambda);
-    Vector3 c;
-    for (int k = 0; k < 3; ++k) c[k] = -second[k] - square[k];
-    c[0] += centring * mu_;
-    e.centre = times(e.over_eta, scale(reflect(e.w), e.share, jordan_divide(e.lambda, c)));
-  }
+  kernels.corrector(num_blocks, cones_.data(), centring * mu_);
   direction();
-  step_ = std::min(1.0, kToBoundary * longest_step());
+  step_ = std::min(1.0, kToBoundary * kernels.longest_step(num_blocks, cones_.data()));
   if (!std::isfinite(step_) || !rhs_.allFinite()) return false;
-  for (Element& e : elements_)
-    for (int k = 0; k < 3; ++k) e.x[k] += step_ * e.dx[k], e.z[k] += step_ * e.dz[k];
+  for (ConeBlock& cones : cones_)
+    for (int r = 0; r < 3; ++r)
+      for (int k = 0; k < ConeBlock::kWidth; ++k)
+        cones.x[r][k] += step_ * cones.dx[r][k], cones.z[r][k] += step_ * cones.dz[r][k];
   l_ += step_ * rhs_;
-  for (const Element& e : elements_) {
+  for (std::size_t i = 0; i < elements_.size(); ++i) {
+    const Element& e = elements_[i];
     if (e.line) continue;
-    l_[e.row] = e.x[1], l_[e.row + 1] = e.x[2], l_[e.row + 2] = e.x[0] / e.friction;
+    const ConeBlock& cones = block_of(i);
+    const std::size_t k = i % ConeBlock::kWidth;
+    l_[e.row] = cones.x[1][k], l_[e.row + 1] = cones.x[2][k], l_[e.row + 2] = cones.x[0][k] / e.friction;
   }
   ++iterations_;
   evaluate();
   // Slack reset (T24): |z_T| is convex, so the step left z_0 too small; raising it stays in the cone, removes r_0.
   if (law_ == Law::Ncp) {
     bool changed = false;
-    for (Element& e : elements_) {
+    for (std::size_t i = 0; i < elements_.size(); ++i) {
+      const Element& e = elements_[i];
       if (e.line || !(residual_[e.row + 2] < 0.0)) continue;
-      e.z[0] -= residual_[e.row + 2] / e.friction;
+      block_of(i).z[0][i % ConeBlock::kWidth] -= residual_[e.row + 2] / e.friction;
       residual_[e.row + 2] = 0.0;
       changed = true;
     }

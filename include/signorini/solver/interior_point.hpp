@@ -1,8 +1,8 @@
 #pragma once
 
-#include <array>
 #include <vector>
 
+#include "signorini/solver/cone_block.hpp"
 #include "signorini/solver/scaled_problem.hpp"
 #include "signorini/solver/solution.hpp"
 
@@ -36,31 +36,26 @@ class InteriorPoint {
   Options options;
 
  private:
-  using Vector3 = std::array<double, 3>;
-  /// A cone (Jordan coordinates: (mu l_N, l_T1, l_T2)) or, with line set, one bound of a one-row set.
+  /// A cone (Jordan coordinates: (mu l_N, l_T1, l_T2)) or, with line set, one bound of a one-row set. Its numbers are
+  /// in cones_.
   struct Element {
     int set = 0, row = 0;
     bool line = false;
     double friction = 0.0;           // cone
     double sign = 1.0, bound = 0.0;  // line: x = sign (l - bound)
-    Vector3 x{}, z{}, dx{}, dz{}, centre{}, w{}, lambda{};
-    double eta = 1.0, over_eta = 1.0;  // NT scaling, det(x) / det(z) to the quarter; 1 / eta
-    double share = 0.5;                // 1 / (1 + w_0)
-    double det_x = 1.0, det_z = 1.0;   // x_0^2 - |x_T|^2 and that of z
-    double u1 = 0.0, u2 = 0.0;         // z_T / |z_T|
-    double h[3][3] = {};               // H = W^-2
   };
 
-  void evaluate();   // t_, residual_, relative_ and the complementarity
-  void scalings();   // eta, w, h of every element (T20)
-  bool factor();     // X + A (T23)
-  void direction();  // dx, dz of every element from its centre
-  double longest_step() const;
+  ConeBlock& block_of(std::size_t i) { return cones_[i / ConeBlock::kWidth]; }
+  void arrange_cones();
+  void evaluate();                            // t_, residual_, relative_ and the complementarity
+  bool factor();                              // X + A (T23)
+  void direction();                           // dx, dz of every element from its centre
   double complementarity(double step) const;  // sum of x . z after the step
 
   ScaledProblem* problem_ = nullptr;
   Law law_ = Law::Ncp;
   std::vector<Element> elements_;
+  std::vector<ConeBlock> cones_;
   std::vector<std::uint8_t> fixed_;  // rows whose impulse is fixed: tangents of frictionless contacts, points
   bool any_fixed_ = false;
   GrowVector l_, t_, natural_, residual_, rhs_;
