@@ -28,10 +28,10 @@ def relative(path):
 
 
 def level(path):
-    """Place in: types, errors, require < constraint_set, de_saxce < delassus/ < the rest of problem/ < solver/ <
-    model/ < collision/ < assembly/ < simulation/ < rollout/ < bindings/."""
+    """Place in: types, errors, require, instruction_sets < constraint_set, de_saxce < delassus/ < the rest of problem/
+    < solver/ < model/ < collision/ < assembly/ < simulation/ < rollout/ < bindings/."""
     name = relative(path)
-    if name in ("types.hpp", "errors.hpp", "require.hpp"):
+    if name in ("types.hpp", "errors.hpp", "require.hpp", "instruction_sets.hpp"):
         return 0
     if Path(name).with_suffix("").as_posix() in ("problem/constraint_set", "problem/de_saxce"):
         return 1
@@ -105,10 +105,17 @@ def test_a_method_includes_no_other_method():
             assert not others, f"{relative(path)} includes {others}"
 
 
-def test_kernels_are_free_of_inline_code_of_others():
+@pytest.mark.parametrize(
+    ("source", "may_include"),
+    [("delassus/dense_kernels.cpp", {"cstddef", "immintrin.h"}), ("solver/cone_kernels.cpp", set())],
+)
+def test_kernels_are_free_of_inline_code_of_others(source, may_include):
     # Compiled for AVX-512: an inline function of a header could be what the linker keeps for everybody.
-    path = REPOSITORY / "src" / "delassus" / "dense_kernels.cpp"
-    angled, ours = includes(path)
-    assert angled == ("immintrin.h",)
-    assert [relative(p) for p in ours] == ["delassus/dense_kernels.hpp"]
-    assert includes(ours[0]) == ((), ())
+    paths = [REPOSITORY / "src" / source]
+    for path in paths:
+        angled, ours = includes(path)
+        assert set(angled) <= may_include
+        paths += ours
+    assert {relative(path).split("/")[-1] for path in paths} <= {
+        "dense_kernels.cpp", "dense_kernels.hpp", "cone_kernels.cpp", "cone_kernels.hpp", "cone_block.hpp",
+    }  # fmt: skip
