@@ -305,7 +305,7 @@ void BlockLu::analyze(const std::vector<int>& block_sizes, const Lists& neighbou
 }
 
 void BlockLu::set_sizes(const std::vector<int>& block_sizes) {
-  if (block_sizes == sizes_) return;
+  if (block_sizes == sizes_ && !sizes_.empty()) return;
   sizes_ = block_sizes;
   front_rows_.resize(front_blocks_.size());
   row_of_.resize(sizes_.size());

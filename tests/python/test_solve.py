@@ -159,6 +159,20 @@ def test_empty_problem_is_solved(solver):
     assert s.impulse.shape == s.velocity.shape == (0,)
 
 
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_row_that_nothing_moves_beside_one_that_moves(solver):
+    """Its island has no velocities at all; memory of the island before must not be used for it (it was: a crash)."""
+    problem = ContactProblem.from_mass(np.eye(1), [[1.0], [0.0]], [-1.0, -1.0], constraints=[HalfLine()] * 2)
+    assert signorini.solve(problem, solver).status in {"infeasible", "stalled", "max iterations"}
+    workspace = signorini.Workspace()
+    apart = ContactProblem.from_mass(np.eye(1), [[1.0], [0.0]], [-1.0, 1.0], constraints=[HalfLine()] * 2)
+    still = ContactProblem.from_mass(np.zeros((0, 0)), np.zeros((1, 0)), [-1.0], None, [1.0], constraints=[HalfLine()])
+    for each, impulse in ((apart, [1.0, 0.0]), (still, [1.0])):
+        s = signorini.solve(each, solver, workspace=workspace)
+        assert s.solved
+        np.testing.assert_allclose(s.impulse, impulse, atol=1e-5)
+
+
 def test_a_contact_given_twice_is_solved():
     j = np.vstack([np.eye(3), np.eye(3)])
     problem = ContactProblem(j @ j.T, np.tile([1.0, 0.0, -1.0], 2), [0.5, 0.5])
@@ -237,6 +251,13 @@ def test_history_ends_in_the_answer(solver):
     assert s.history["relative"].min() <= 1e-5
     assert np.isfinite(s.history["against_free_velocity"]).all()
     assert len(signorini.solve(problem, solver, guess=guess).history) == 0
+
+
+@pytest.mark.parametrize("solver", [*SOLVERS, "lcp-pgs", "convex-newton", "bisection"])
+def test_memory_for_the_history_is_that_of_the_iterations_done(solver):
+    s = signorini.solve(block(2.0), solver, max_iterations=2**31 - 1, record_history=True)  # 200 GB, were it for all
+    assert s.solved or solver == "convex-newton"
+    assert 1 <= len(s.history) < 200
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
