@@ -28,6 +28,8 @@ def numbers(field: str, value: Any, ndim: int) -> Array:
         array = np.asarray(value)
     except (ValueError, TypeError) as error:
         raise InvalidInputError(f"{field}: is not a rectangular array of numbers ({error})") from None
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        raise InvalidInputError(f"{field}: has masked entries, must have none")
     # An empty list has no type of its own; numpy calls it float64.
     if array.dtype.kind not in "iuf":
         raise InvalidInputError(f"{field}: has entries of type {array.dtype}, must be real numbers")
@@ -94,9 +96,9 @@ def number(field: str, value: Any) -> float:
         raise InvalidInputError(f"{field}: is {value!r}, must be a finite number") from None
 
 
-def count(field: str, value: Any, lowest: int) -> int:
+def count(field: str, value: Any, lowest: int, highest: int = 2**31 - 1) -> int:
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
-        raise InvalidInputError(f"{field}: is {value!r}, must be an integer of at least {lowest}")
-    if not lowest <= value <= np.iinfo(np.int32).max:
-        raise InvalidInputError(f"{field}: is {value}, must be in [{lowest}, {np.iinfo(np.int32).max}]")
+        raise InvalidInputError(f"{field}: is {value!r}, must be an integer in [{lowest}, {highest}]")
+    if not lowest <= value <= highest:
+        raise InvalidInputError(f"{field}: is {value}, must be in [{lowest}, {highest}]")
     return int(value)

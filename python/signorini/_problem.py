@@ -106,7 +106,8 @@ class ContactProblem:
     compliance: diagonal of R [1/kg] >= 0, (n,); None for rigid contact.
     constraints: instead of friction, a sequence of FrictionCone, HalfLine, Interval, Equality in row order.
     name: shown in tables.
-    check: also factor G + R once and refuse it when it is not positive semidefinite.
+    check: also factor G + R once and refuse it when it is not positive semidefinite: by more than 1e-5 of its diagonal,
+        for rounding, and more where it is unsymmetric.
 
     Raises InvalidInputError, a ValueError, naming the field, its value and what is allowed.
     """
