@@ -16,6 +16,17 @@
 #include "signorini/solver/pgs.hpp"
 
 namespace signorini {
+namespace {
+
+/// Whether nothing asks for an impulse: zero is a solution then, and next to nothing (f = 0 in (T12)) no other is good.
+bool zero_is_exact(const ContactProblem& problem) {
+  if (problem.reference() > 0.0 || !(problem.free_velocity().array() == 0.0).all()) return false;
+  for (const ConstraintSet& set : problem.sets())
+    if (set.type == SetType::Interval && (set.lower > 0.0 || set.upper < 0.0)) return false;
+  return true;
+}
+
+}  // namespace
 
 struct Workspace::Impl {
   AdmmWorkspace admm;
@@ -48,6 +59,7 @@ void solve(const ContactProblem& problem, const Settings& settings, Workspace& w
       message << "is " << guess->impulse[i] << ", must be within +-1e100";
       throw InvalidInput("guess[" + std::to_string(i) + "]", message.str());
     }
+    if (zero_is_exact(problem)) guess = nullptr;
   }
   solution.status = Status::Invalid;
   solution.solver = settings.solver;

@@ -159,6 +159,23 @@ def test_empty_problem_is_solved(solver):
     assert s.impulse.shape == s.velocity.shape == (0,)
 
 
+@pytest.mark.parametrize("law", ["ncp", "ccp"])
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_where_nothing_moves_any_guess_leads_to_zero(solver, law):
+    """What is left of a guess is large against a free velocity of 0, however small it gets: it used to be "stalled"."""
+    j = np.random.default_rng(0).normal(size=(6, 8))
+    for delassus in (np.diag([1.0, 1.0, 0.0]), j @ j.T):
+        n = len(delassus)
+        problem = ContactProblem(delassus, np.zeros(n), np.full(n // 3, 0.1))
+        s = signorini.solve(problem, solver, law, guess=np.arange(n) - 2.0)
+        assert s.solved
+        np.testing.assert_array_equal(s.impulse, 0.0)
+    problem = ContactProblem(np.eye(1), [0.0], constraints=[Interval(1.0, 2.0)])  # here 0 is no impulse to begin with
+    s = signorini.solve(problem, solver, law, guess=[5.0])
+    assert s.solved
+    np.testing.assert_allclose(s.impulse, 1.0, atol=1e-5)
+
+
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_a_row_that_nothing_moves_beside_one_that_moves(solver):
     """Its island has no velocities at all; memory of the island before must not be used for it (it was: a crash)."""
