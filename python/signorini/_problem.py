@@ -288,6 +288,12 @@ class ContactProblem:
         )
 
 
+def check_problem(problem: Any) -> ContactProblem:
+    if not isinstance(problem, ContactProblem):
+        raise InvalidInputError(f"problem: is a {type(problem).__name__}, must be a signorini.ContactProblem")
+    return problem
+
+
 def _rebuild(
     matrices: tuple[Any, ...], free_velocity: Any, friction: Any, compliance: Any, constraints: Any, name: str
 ) -> ContactProblem:

@@ -6,7 +6,7 @@ import numpy.typing as npt
 
 from signorini import _arrays, _core
 from signorini._core import InvalidInputError, Workspace
-from signorini._problem import ContactProblem
+from signorini._problem import ContactProblem, check_problem
 from signorini._solution import Residual, Solution
 
 SolverName = Literal["auto", "admm", "pgs", "interior-point", "newton", "lcp-pgs", "convex-newton", "bisection"]
@@ -22,12 +22,6 @@ def _choice(field: str, value: Any, choices: type[_E]) -> _E:
         allowed = ", ".join(repr(name) for name in names)
         raise InvalidInputError(f"{field}: is {value!r}, must be one of {allowed}")
     return names[value]
-
-
-def _check_problem(problem: Any) -> ContactProblem:
-    if not isinstance(problem, ContactProblem):
-        raise InvalidInputError(f"problem: is a {type(problem).__name__}, must be a signorini.ContactProblem")
-    return problem
 
 
 def solve(
@@ -98,7 +92,7 @@ def solve(
 
     Raises InvalidInputError on bad arguments. A solve that fails raises nothing: look at Solution.status.
     """
-    core = _check_problem(problem)._core
+    core = check_problem(problem)._core
     settings = _core.Settings()
     settings.solver = _choice("solver", solver, _core.SolverType)
     settings.law = _choice("law", law, _core.Law)
@@ -145,7 +139,7 @@ def residual(problem: ContactProblem, impulse: npt.ArrayLike, law: LawName = "nc
 
     Raises InvalidInputError when the impulse has another size.
     """
-    core = _check_problem(problem)._core
+    core = check_problem(problem)._core
     x = _arrays.vector("impulse", impulse, problem.size)
     return Residual._from_core(_core.residual(core, x, _choice("law", law, _core.Law)))
 

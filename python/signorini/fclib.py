@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from signorini._core import InvalidInputError, __version__
-from signorini._problem import Constraint, ContactProblem, Equality, FrictionCone
+from signorini._problem import Constraint, ContactProblem, Equality, FrictionCone, check_problem
 from signorini._solution import Solution
 
 if TYPE_CHECKING:
@@ -102,6 +102,9 @@ def write(
     import h5py
     import scipy.sparse as sp
 
+    check_problem(problem)
+    if solution is not None and not isinstance(solution, Solution):
+        raise InvalidInputError(f"solution: is a {type(solution).__name__}, must be a signorini.Solution or None")
     n, contact_rows = problem.size, 3 * problem.num_contacts
     kinds = [type(c) for c in problem.constraints]
     if kinds != [FrictionCone] * problem.num_contacts + [Equality] * (n - contact_rows):

@@ -176,6 +176,10 @@ def test_write_refuses_what_the_layout_cannot_hold(path):
     small = ContactProblem(np.eye(3), np.zeros(3), [0.1])
     with pytest.raises(signorini.InvalidInputError, match="solution"):
         fclib.write(path, small, signorini.solve(ContactProblem(np.eye(6), np.zeros(6), [0.1, 0.1])))
+    with pytest.raises(signorini.InvalidInputError, match="solution: is a ndarray"):
+        fclib.write(path, small, np.zeros(3))
+    with pytest.raises(signorini.InvalidInputError, match="problem: is a ndarray"):
+        fclib.write(path, np.eye(3))
     assert not path.exists()
 
 
