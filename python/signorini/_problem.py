@@ -162,7 +162,7 @@ class ContactProblem:
         operator = _core.mass_space_delassus(_arrays.csc_arrays(m), _arrays.csc_arrays(j))
         self = cls.__new__(cls)
         self._dense = False
-        self._mass, self._jacobian = m, j
+        self._mass, self._jacobian = _kept(m, mass), _kept(j, jacobian)
         self._build(operator, free_velocity, friction, compliance, constraints, name, check)
         return self
 
@@ -249,12 +249,12 @@ class ContactProblem:
 
     @property
     def mass(self) -> sp.csc_array | None:
-        """M, (nv, nv), when the problem was made from_mass."""
+        """M, (nv, nv), read-only, when the problem was made from_mass."""
         return self._mass
 
     @property
     def jacobian(self) -> sp.csc_array | None:
-        """J, (n, nv), when the problem was made from_mass."""
+        """J, (n, nv), read-only, when the problem was made from_mass."""
         return self._jacobian
 
     def velocity(self, impulse: npt.ArrayLike) -> _arrays.Array:
@@ -306,6 +306,13 @@ def _rebuild(
 def _square(field: str, shape: tuple[int, ...]) -> None:
     if shape[0] != shape[1]:
         raise InvalidInputError(f"{field}: has shape {shape}, must be square")
+
+
+def _kept(matrix: sp.csc_array, given: Any) -> sp.csc_array:
+    # A copy when the values may be the caller's own, as in _read_only.
+    matrix = matrix.copy() if getattr(given, "format", "") == "csc" else matrix
+    matrix.data.flags.writeable = False
+    return matrix
 
 
 def _read_only(array: _arrays.Array, given: Any) -> _arrays.Array:
