@@ -27,6 +27,19 @@ def damaged(**parts):
     return a
 
 
+def damaged_coo(**parts):
+    a = sp.coo_matrix(np.eye(6))
+    for name, at in parts.items():
+        getattr(a, name)[2] = at
+    return a
+
+
+def damaged_lil(columns):
+    a = sp.lil_array(np.eye(6))
+    a.rows[2] = columns
+    return a
+
+
 BAD = {
     # shapes
     "not square": ({"delassus": np.ones((6, 5))}, "delassus"),
@@ -84,6 +97,10 @@ BAD = {
     "negative index": ({"delassus": damaged(indices=[0, 1, 2, 3, 4, -1])}, "delassus"),
     "pointers beyond the data": ({"delassus": damaged(indptr=[0, 1, 2, 3, 4, 5, 600])}, "delassus"),
     "decreasing pointers": ({"delassus": damaged(indptr=[0, 5, 2, 3, 4, 5, 6])}, "delassus"),
+    "coo row out of range": ({"delassus": damaged_coo(row=10**7)}, "delassus.*damaged.*row"),
+    "coo negative column": ({"delassus": damaged_coo(col=-1)}, "delassus.*damaged.*column"),
+    "lil column out of range": ({"delassus": damaged_lil([10**7])}, "delassus.*damaged.*column"),
+    "lil row longer than its data": ({"delassus": damaged_lil([0, 1])}, "delassus.*damaged.*lengths"),
     "too few pointers": ({"delassus": damaged(indptr=[0, 1, 6])}, "delassus"),
     # constraints
     "both": ({"constraints": [FrictionCone(0.5)] * 2}, "friction.*both"),
