@@ -59,7 +59,8 @@ def solve(
     law: "ncp", Signorini and Coulomb with maximum dissipation, or "ccp", its convex relaxation (MuJoCo's and Drake's
         model), which lifts sliding contacts.
     tolerance: on the certificate's relative residual (Residual.solves), in (0, 1).
-    max_iterations: at least 1; None for the solver's own default.
+    max_iterations: at least 1; None for the solver's own default. Of "auto": factorisations that an island may cost,
+        about (docs/auto.md).
     guess: where to start: an impulse [N s], (n,), or the Solution of a similar problem.
     aim: what "auto" aims at from a guess while that is cheap, in (0, tolerance]; None: 1e-3 tolerance.
     record_history: fill Solution.history.
