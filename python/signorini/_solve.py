@@ -114,11 +114,11 @@ def solve(
     admm.linear_factor = _arrays.number("linear_factor", linear_factor)
     admm.ratio = _arrays.number("ratio", ratio)
     admm.scaling = bool(scaling)
-    admm.anderson_memory = _arrays.count("anderson_memory", anderson_memory, 0, 50)
+    admm.anderson_memory = _arrays.count("anderson_memory", anderson_memory)
     if paper_tolerance is not None:
         admm.paper_tolerance = _positive("paper_tolerance", paper_tolerance)
     settings.pgs.over_relaxation = _arrays.number("over_relaxation", over_relaxation)
-    settings.pyramid.facets = _arrays.count("facets", facets, 4, 64)
+    settings.pyramid.facets = _arrays.count("facets", facets)
     settings.convex.impedance = _arrays.number("impedance", impedance)
     settings.bisection.least_relaxation = _arrays.number("least_relaxation", least_relaxation)
     settings.bisection.relaxation_decay = _arrays.number("relaxation_decay", relaxation_decay)
