@@ -341,10 +341,8 @@ def _read_global(file: _File, operator: str | None, check: bool) -> ContactProbl
         file.fail("fclib_global/M", "is singular, must be positive definite")
     g = w[order] + (jacobian @ factor.solve(f) if factor else 0.0)
     arguments = _laws(mu, w.size - rows) | {"name": file.path.stem, "check": check}
-    if operator == "delassus":
-        delassus = jacobian @ factor.solve(jacobian.T.toarray()) if factor else np.zeros((w.size, w.size))
-        return ContactProblem(sp.csc_array(delassus), g, **arguments)
-    return ContactProblem.from_mass(mass, jacobian, g, **arguments)
+    problem = ContactProblem.from_mass(mass, jacobian, g, **arguments)
+    return ContactProblem(problem.delassus, g, **arguments) if operator == "delassus" else problem
 
 
 def _read_stored(file: _File, group: str) -> StoredSolution:

@@ -1,4 +1,5 @@
 import pickle
+import tracemalloc
 
 import h5py
 import numpy as np
@@ -111,6 +112,23 @@ def test_global_file(path, form, equalities):
             problem.free_velocity, jacobian @ np.linalg.solve(mass, f) + np.append(w, b), atol=1e-12
         )
         assert problem.constraints == tuple(FrictionCone(m) for m in mu) + (Equality(),) * equalities
+
+
+def test_the_matrix_of_a_large_global_file_is_never_dense(path):
+    n = 3000  # free points on the floor; n x n numbers are 72 MB
+    with h5py.File(path, "w") as file:
+        group = file.create_group("fclib_global")
+        group["spacedim"] = np.array([3], np.int32)
+        for name in ("M", "H"):
+            write_matrix(group, name, sp.eye_array(n), "csc")
+        group["vectors/f"], group["vectors/w"], group["vectors/mu"] = np.zeros(n), np.ones(n), np.ones(n // 3)
+    fclib.read(path)  # scipy's modules are loaded now
+    tracemalloc.start()
+    problem = fclib.read(path, "delassus")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert problem.delassus.nnz == n
+    assert peak < 1e7
 
 
 def test_equality_rows_of_a_local_file(path):
