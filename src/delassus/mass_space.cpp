@@ -4,13 +4,12 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 #include <string>
 
 #include "block_lu.hpp"
 #include "explicit_system.hpp"
 #include "islands.hpp"
-#include "signorini/errors.hpp"
+#include "require.hpp"
 
 namespace signorini {
 namespace {
@@ -559,17 +558,6 @@ void MassSpaceSystem::solve_reduced(VectorRef rhs) const {
   }
 }
 
-void check_finite(const SparseMatrix& matrix, const char* field) {
-  for (Index c = 0; c < matrix.outerSize(); ++c)
-    for (SparseMatrix::InnerIterator it(matrix, c); it; ++it) {
-      if (std::abs(it.value()) <= 1e100) continue;  // false for NaN
-      std::ostringstream message;
-      message << "is " << it.value() << ", must be within +-1e100";
-      throw InvalidInput(std::string(field) + "[" + std::to_string(it.row()) + ", " + std::to_string(c) + "]",
-                         message.str());
-    }
-}
-
 }  // namespace
 
 MassSpaceDelassus::MassSpaceDelassus(const SparseMatrix& mass, const SparseMatrix& jacobian) {
@@ -579,8 +567,8 @@ MassSpaceDelassus::MassSpaceDelassus(const SparseMatrix& mass, const SparseMatri
     throw InvalidInput("jacobian", "is " + shape(jacobian) + ", must have the " + std::to_string(mass.rows()) +
                                        " columns of the mass matrix");
   }
-  check_finite(mass, "mass");
-  check_finite(jacobian, "jacobian");
+  require_finite("mass", mass);
+  require_finite("jacobian", jacobian);
   asymmetry_ = asymmetry_of(mass);
   const SparseMatrix transpose = mass.transpose();
   mass_ = asymmetry_ == 0.0 ? mass : SparseMatrix(0.5 * (mass + transpose));

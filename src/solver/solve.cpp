@@ -1,11 +1,9 @@
 #include "signorini/solver/solve.hpp"
 
 #include <chrono>
-#include <cmath>
-#include <sstream>
 #include <string>
 
-#include "signorini/errors.hpp"
+#include "require.hpp"
 #include "signorini/solver/admm.hpp"
 #include "signorini/solver/auto.hpp"
 #include "signorini/solver/bisection.hpp"
@@ -53,12 +51,7 @@ void solve(const ContactProblem& problem, const Settings& settings, Workspace& w
       throw InvalidInput("guess", "has " + std::to_string(guess->impulse.size()) + " values, must have " +
                                       std::to_string(problem.size()));
     }
-    for (Index i = 0; i < problem.size(); ++i) {
-      if (std::abs(guess->impulse[i]) <= 1e100) continue;  // false for NaN
-      std::ostringstream message;
-      message << "is " << guess->impulse[i] << ", must be within +-1e100";
-      throw InvalidInput("guess[" + std::to_string(i) + "]", message.str());
-    }
+    require_finite("guess", guess->impulse);
     if (zero_is_exact(problem)) guess = nullptr;
   }
   solution.status = Status::Invalid;
