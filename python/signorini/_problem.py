@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 class FrictionCone:
     """A contact: three rows (T1, T2, N), impulse in {|x_T| <= friction x_N}.
 
-    friction: coefficient mu [1], >= 0.
+    friction: coefficient mu [1], in [0, 1e6].
     """
 
     friction: float
@@ -102,7 +102,7 @@ class ContactProblem:
     delassus: G = J M^-1 J^T [1/kg], (n, n), symmetric positive semidefinite; an array or any scipy.sparse matrix. Of an
         unsymmetric matrix the symmetric part is used, and `asymmetry` says how far it was.
     free_velocity: g [m/s], (n,); per contact (T1, T2, N), normal last, positive when separating.
-    friction: coefficients [1] >= 0, (nc,) with n = 3 nc, for a problem of contacts only. One number serves all.
+    friction: coefficients [1] in [0, 1e6], (nc,) with n = 3 nc, for a problem of contacts only. One number serves all.
     compliance: diagonal of R [1/kg] >= 0, (n,); None for rigid contact.
     constraints: instead of friction, a sequence of FrictionCone, HalfLine, Interval, Equality in row order.
     name: shown in tables.
