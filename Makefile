@@ -18,7 +18,7 @@ sources := $(shell find include src bindings cmake -type f) CMakeLists.txt pypro
 
 .PHONY: demo test test-python test-cpp test-examples bench lint format clean
 
-## make demo: solve the cube stack and, if there are any, problem files; print the certificates
+## make demo: simulate the paper's stack of cubes for 2 s, print the report, leave a recording
 demo: $(venv)/installed
 	@$(bin)/python examples/python/demo.py
 

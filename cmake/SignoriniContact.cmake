@@ -80,7 +80,11 @@ endif()
 if(SIGNORINI_INSTALL)
   set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/signorini_contact)
   install(TARGETS signorini_contact EXPORT signorini_contact-targets COMPONENT cpp)
-  install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/signorini DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT cpp)
+  set(include_dir ${PROJECT_SOURCE_DIR}/include/signorini)
+  install(FILES ${include_dir}/types.hpp ${include_dir}/errors.hpp
+          DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/signorini COMPONENT cpp)
+  install(DIRECTORY ${include_dir}/problem ${include_dir}/delassus ${include_dir}/solver
+          DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/signorini COMPONENT cpp)
   install(EXPORT signorini_contact-targets NAMESPACE signorini:: DESTINATION ${package_dir} COMPONENT cpp)
   configure_package_config_file(${PROJECT_SOURCE_DIR}/cmake/signorini_contact-config.cmake.in
                                 ${PROJECT_BINARY_DIR}/signorini_contact-config.cmake INSTALL_DESTINATION ${package_dir})

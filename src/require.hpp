@@ -35,4 +35,16 @@ inline void require_finite(const char* field, const ConstVectorRef& values) {
       require(false, std::string(field) + "[" + std::to_string(i) + "]", values[i], "within +-1e100");
 }
 
+/// The same of one entry of a matrix: "<field>[row, column]: ...".
+inline void require_finite(const char* field, Index row, Index column, double value) {
+  if (!(std::abs(value) <= 1e100))
+    require(false, std::string(field) + "[" + std::to_string(row) + ", " + std::to_string(column) + "]", value,
+            "within +-1e100");
+}
+
+inline void require_finite(const char* field, const SparseMatrix& matrix) {
+  for (Index c = 0; c < matrix.outerSize(); ++c)
+    for (SparseMatrix::InnerIterator it(matrix, c); it; ++it) require_finite(field, it.row(), c, it.value());
+}
+
 }  // namespace signorini

@@ -28,6 +28,8 @@ def numbers(field: str, value: Any, ndim: int) -> Array:
         array = np.asarray(value)
     except (ValueError, TypeError) as error:
         raise InvalidInputError(f"{field}: is not a rectangular array of numbers ({error})") from None
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        raise InvalidInputError(f"{field}: has masked entries, must have none")
     # An empty list has no type of its own; numpy calls it float64.
     if array.dtype.kind not in "iuf":
         raise InvalidInputError(f"{field}: has entries of type {array.dtype}, must be real numbers")
@@ -59,9 +61,16 @@ def csc(field: str, value: Any) -> sp.csc_array:
     if value.dtype.kind not in "iuf":
         raise InvalidInputError(f"{field}: has entries of type {value.dtype}, must be real numbers")
     try:
-        # Before any conversion: converting a damaged matrix reads out of bounds.
+        # Before any conversion: converting a damaged matrix reads or writes out of bounds.
         if hasattr(value, "check_format"):
             value.check_format(full_check=True)
+        elif value.format == "coo":
+            _check_indices("row", value.row, value.shape[0])
+            _check_indices("column", value.col, value.shape[1])
+        elif value.format == "lil":
+            if [len(row) for row in value.rows] != [len(row) for row in value.data]:
+                raise ValueError("rows and data must have the same lengths")
+            _check_indices("column", np.array([c for row in value.rows for c in row], dtype=np.int64), value.shape[1])
         result = sp.csc_array(value, dtype=np.float64)
     except (ValueError, IndexError) as error:
         raise InvalidInputError(f"{field}: is a damaged sparse matrix ({error})") from None
@@ -71,6 +80,11 @@ def csc(field: str, value: Any) -> sp.csc_array:
     if result.nnz > np.iinfo(np.int32).max:
         raise InvalidInputError(f"{field}: has {result.nnz} entries, must have less than 2^31")
     return result
+
+
+def _check_indices(name: str, indices: npt.NDArray[Any], bound: int) -> None:
+    if indices.size and not (indices.min() >= 0 and indices.max() < bound):
+        raise ValueError(f"{name} indices must be in [0, {bound})")
 
 
 def csc_arrays(value: sp.csc_array) -> CscArrays:
@@ -94,9 +108,10 @@ def number(field: str, value: Any) -> float:
         raise InvalidInputError(f"{field}: is {value!r}, must be a finite number") from None
 
 
-def count(field: str, value: Any, lowest: int) -> int:
+def count(field: str, value: Any, lowest: int = -(2**31)) -> int:
+    """value as an int of 32 bits, at least lowest; without one, the core knows the range."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
-        raise InvalidInputError(f"{field}: is {value!r}, must be an integer of at least {lowest}")
-    if not lowest <= value <= np.iinfo(np.int32).max:
-        raise InvalidInputError(f"{field}: is {value}, must be in [{lowest}, {np.iinfo(np.int32).max}]")
+        raise InvalidInputError(f"{field}: is {value!r}, must be an integer")
+    if not lowest <= value < 2**31:
+        raise InvalidInputError(f"{field}: is {value}, must be in [{lowest}, 2^31)")
     return int(value)

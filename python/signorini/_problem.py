@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 class FrictionCone:
     """A contact: three rows (T1, T2, N), impulse in {|x_T| <= friction x_N}.
 
-    friction: coefficient mu [1], >= 0.
+    friction: coefficient mu [1], in [0, 1e6].
     """
 
     friction: float
@@ -102,11 +102,12 @@ class ContactProblem:
     delassus: G = J M^-1 J^T [1/kg], (n, n), symmetric positive semidefinite; an array or any scipy.sparse matrix. Of an
         unsymmetric matrix the symmetric part is used, and `asymmetry` says how far it was.
     free_velocity: g [m/s], (n,); per contact (T1, T2, N), normal last, positive when separating.
-    friction: coefficients [1] >= 0, (nc,) with n = 3 nc, for a problem of contacts only. One number serves all.
+    friction: coefficients [1] in [0, 1e6], (nc,) with n = 3 nc, for a problem of contacts only. One number serves all.
     compliance: diagonal of R [1/kg] >= 0, (n,); None for rigid contact.
     constraints: instead of friction, a sequence of FrictionCone, HalfLine, Interval, Equality in row order.
     name: shown in tables.
-    check: also factor G + R once and refuse it when it is not positive semidefinite.
+    check: also factor G + R once and refuse it when it is not positive semidefinite: by more than 1e-5 of its diagonal,
+        for rounding, and more where it is unsymmetric.
 
     Raises InvalidInputError, a ValueError, naming the field, its value and what is allowed.
     """
@@ -161,7 +162,7 @@ class ContactProblem:
         operator = _core.mass_space_delassus(_arrays.csc_arrays(m), _arrays.csc_arrays(j))
         self = cls.__new__(cls)
         self._dense = False
-        self._mass, self._jacobian = m, j
+        self._mass, self._jacobian = _kept(m, mass), _kept(j, jacobian)
         self._build(operator, free_velocity, friction, compliance, constraints, name, check)
         return self
 
@@ -248,12 +249,12 @@ class ContactProblem:
 
     @property
     def mass(self) -> sp.csc_array | None:
-        """M, (nv, nv), when the problem was made from_mass."""
+        """M, (nv, nv), read-only, when the problem was made from_mass."""
         return self._mass
 
     @property
     def jacobian(self) -> sp.csc_array | None:
-        """J, (n, nv), when the problem was made from_mass."""
+        """J, (n, nv), read-only, when the problem was made from_mass."""
         return self._jacobian
 
     def velocity(self, impulse: npt.ArrayLike) -> _arrays.Array:
@@ -287,6 +288,12 @@ class ContactProblem:
         )
 
 
+def check_problem(problem: Any) -> ContactProblem:
+    if not isinstance(problem, ContactProblem):
+        raise InvalidInputError(f"problem: is a {type(problem).__name__}, must be a signorini.ContactProblem")
+    return problem
+
+
 def _rebuild(
     matrices: tuple[Any, ...], free_velocity: Any, friction: Any, compliance: Any, constraints: Any, name: str
 ) -> ContactProblem:
@@ -299,6 +306,13 @@ def _rebuild(
 def _square(field: str, shape: tuple[int, ...]) -> None:
     if shape[0] != shape[1]:
         raise InvalidInputError(f"{field}: has shape {shape}, must be square")
+
+
+def _kept(matrix: sp.csc_array, given: Any) -> sp.csc_array:
+    # A copy when the values may be the caller's own, as in _read_only.
+    matrix = matrix.copy() if getattr(given, "format", "") == "csc" else matrix
+    matrix.data.flags.writeable = False
+    return matrix
 
 
 def _read_only(array: _arrays.Array, given: Any) -> _arrays.Array:

@@ -87,7 +87,7 @@ class SimulatorSettings:
             if not self.max_iterations >= 1:
                 raise InvalidInputError(f"max_iterations: is {self.max_iterations!r}, must be at least 1, or None")
             core.max_iterations = int(self.max_iterations)
-        core.facets = _arrays.count("facets", self.facets, 4)
+        core.facets = _arrays.count("facets", self.facets)
         if self.on_unsolved not in ("continue", "warn", "raise"):
             raise InvalidInputError(f"on_unsolved: is {self.on_unsolved!r}, must be 'continue', 'warn' or 'raise'")
         core.validate()

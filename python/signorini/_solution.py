@@ -61,8 +61,8 @@ class Solution:
 
     status: "solved" (residual.solves(tolerance); said of nothing else), "max iterations", "stalled" (the impulse is
         then the best seen; so ends also a model other than the law when it is solved), "infeasible" ("auto" only: the
-        impulse points along a ray which proves that there is no solution) or "invalid" (no finite impulse was found,
-        it is zero)
+        impulse points along a ray which proves that there is no solution, or none below 1e8 times the free velocity:
+        docs/theory.md, T49) or "invalid" (no finite impulse was found, it is zero)
     solver: the method that produced the answer
     impulse: [N s], (n,)
     velocity: s = (G + R) impulse + g [m/s], (n,), without the De Saxce correction

@@ -6,7 +6,7 @@ import numpy.typing as npt
 
 from signorini import _arrays, _core
 from signorini._core import InvalidInputError, Workspace
-from signorini._problem import ContactProblem
+from signorini._problem import ContactProblem, check_problem
 from signorini._solution import Residual, Solution
 
 SolverName = Literal["auto", "admm", "pgs", "interior-point", "newton", "lcp-pgs", "convex-newton", "bisection"]
@@ -22,12 +22,6 @@ def _choice(field: str, value: Any, choices: type[_E]) -> _E:
         allowed = ", ".join(repr(name) for name in names)
         raise InvalidInputError(f"{field}: is {value!r}, must be one of {allowed}")
     return names[value]
-
-
-def _check_problem(problem: Any) -> ContactProblem:
-    if not isinstance(problem, ContactProblem):
-        raise InvalidInputError(f"problem: is a {type(problem).__name__}, must be a signorini.ContactProblem")
-    return problem
 
 
 def solve(
@@ -65,7 +59,8 @@ def solve(
     law: "ncp", Signorini and Coulomb with maximum dissipation, or "ccp", its convex relaxation (MuJoCo's and Drake's
         model), which lifts sliding contacts.
     tolerance: on the certificate's relative residual (Residual.solves), in (0, 1).
-    max_iterations: at least 1; None for the solver's own default.
+    max_iterations: at least 1; None for the solver's own default. Of "auto": factorisations that an island may cost,
+        about (docs/auto.md).
     guess: where to start: an impulse [N s], (n,), or the Solution of a similar problem.
     aim: what "auto" aims at from a guess while that is cheap, in (0, tolerance]; None: 1e-3 tolerance.
     record_history: fill Solution.history.
@@ -98,7 +93,7 @@ def solve(
 
     Raises InvalidInputError on bad arguments. A solve that fails raises nothing: look at Solution.status.
     """
-    core = _check_problem(problem)._core
+    core = check_problem(problem)._core
     settings = _core.Settings()
     settings.solver = _choice("solver", solver, _core.SolverType)
     settings.law = _choice("law", law, _core.Law)
@@ -119,11 +114,11 @@ def solve(
     admm.linear_factor = _arrays.number("linear_factor", linear_factor)
     admm.ratio = _arrays.number("ratio", ratio)
     admm.scaling = bool(scaling)
-    admm.anderson_memory = _arrays.count("anderson_memory", anderson_memory, 0)
+    admm.anderson_memory = _arrays.count("anderson_memory", anderson_memory)
     if paper_tolerance is not None:
         admm.paper_tolerance = _positive("paper_tolerance", paper_tolerance)
     settings.pgs.over_relaxation = _arrays.number("over_relaxation", over_relaxation)
-    settings.pyramid.facets = _arrays.count("facets", facets, 4)
+    settings.pyramid.facets = _arrays.count("facets", facets)
     settings.convex.impedance = _arrays.number("impedance", impedance)
     settings.bisection.least_relaxation = _arrays.number("least_relaxation", least_relaxation)
     settings.bisection.relaxation_decay = _arrays.number("relaxation_decay", relaxation_decay)
@@ -145,7 +140,7 @@ def residual(problem: ContactProblem, impulse: npt.ArrayLike, law: LawName = "nc
 
     Raises InvalidInputError when the impulse has another size.
     """
-    core = _check_problem(problem)._core
+    core = check_problem(problem)._core
     x = _arrays.vector("impulse", impulse, problem.size)
     return Residual._from_core(_core.residual(core, x, _choice("law", law, _core.Law)))
 

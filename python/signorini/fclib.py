@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from signorini._core import InvalidInputError, __version__
-from signorini._problem import Constraint, ContactProblem, Equality, FrictionCone
+from signorini._problem import Constraint, ContactProblem, Equality, FrictionCone, check_problem
 from signorini._solution import Solution
 
 if TYPE_CHECKING:
@@ -102,6 +102,9 @@ def write(
     import h5py
     import scipy.sparse as sp
 
+    check_problem(problem)
+    if solution is not None and not isinstance(solution, Solution):
+        raise InvalidInputError(f"solution: is a {type(solution).__name__}, must be a signorini.Solution or None")
     n, contact_rows = problem.size, 3 * problem.num_contacts
     kinds = [type(c) for c in problem.constraints]
     if kinds != [FrictionCone] * problem.num_contacts + [Equality] * (n - contact_rows):
@@ -338,10 +341,8 @@ def _read_global(file: _File, operator: str | None, check: bool) -> ContactProbl
         file.fail("fclib_global/M", "is singular, must be positive definite")
     g = w[order] + (jacobian @ factor.solve(f) if factor else 0.0)
     arguments = _laws(mu, w.size - rows) | {"name": file.path.stem, "check": check}
-    if operator == "delassus":
-        delassus = jacobian @ factor.solve(jacobian.T.toarray()) if factor else np.zeros((w.size, w.size))
-        return ContactProblem(sp.csc_array(delassus), g, **arguments)
-    return ContactProblem.from_mass(mass, jacobian, g, **arguments)
+    problem = ContactProblem.from_mass(mass, jacobian, g, **arguments)
+    return ContactProblem(problem.delassus, g, **arguments) if operator == "delassus" else problem
 
 
 def _read_stored(file: _File, group: str) -> StoredSolution:

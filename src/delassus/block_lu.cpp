@@ -333,7 +333,7 @@ void BlockLu::analyze(const std::vector<int>& block_sizes, const BlockLists& nei
 }
 
 void BlockLu::set_sizes(const std::vector<int>& block_sizes) {
-  if (block_sizes == sizes_) return;
+  if (block_sizes == sizes_ && !sizes_.empty()) return;
   sizes_ = block_sizes;
   front_rows_.resize(front_blocks_.size());
   row_of_.resize(sizes_.size());

@@ -1,14 +1,9 @@
 #include "signorini/delassus/coupled.hpp"
 
-#include <cmath>
-#include <sstream>
-#include <string>
-
 #include "dense_kernels.hpp"
 #include "explicit_system.hpp"
 #include "require.hpp"
 #include "signorini/delassus/dense.hpp"
-#include "signorini/errors.hpp"
 
 namespace signorini {
 
@@ -22,12 +17,7 @@ double* CoupledDelassus::reset(Index rows) {
 void CoupledDelassus::check(const ConstraintSets&) const {
   if (sum_is_bounded(values_.data(), size_ * size_)) return;
   for (Index c = 0; c < size_; ++c)
-    for (Index r = 0; r < size_; ++r) {
-      if (std::abs(dense()(r, c)) <= 1e100) continue;  // false for NaN
-      std::ostringstream message;
-      message << "is " << dense()(r, c) << ", must be within +-1e100";
-      throw InvalidInput("delassus[" + std::to_string(r) + ", " + std::to_string(c) + "]", message.str());
-    }
+    for (Index r = 0; r < size_; ++r) require_finite("delassus", r, c, dense()(r, c));
 }
 
 void CoupledDelassus::apply(const ConstVectorRef& x, VectorRef y) const {

@@ -1,13 +1,11 @@
 #include "signorini/delassus/dense.hpp"
 
-#include <cmath>
-#include <sstream>
 #include <string>
 
 #include "dense_kernels.hpp"
 #include "explicit_system.hpp"
 #include "islands.hpp"
-#include "signorini/errors.hpp"
+#include "require.hpp"
 
 namespace signorini {
 
@@ -36,12 +34,7 @@ DenseDelassus::DenseDelassus(const Eigen::Ref<const Matrix>& matrix) {
         "delassus", "is " + std::to_string(matrix.rows()) + " x " + std::to_string(matrix.cols()) + ", must be square");
   }
   for (Index c = 0; c < matrix.cols(); ++c)
-    for (Index r = 0; r < matrix.rows(); ++r) {
-      if (std::abs(matrix(r, c)) <= 1e100) continue;  // false for NaN
-      std::ostringstream message;
-      message << "is " << matrix(r, c) << ", must be within +-1e100";
-      throw InvalidInput("delassus[" + std::to_string(r) + ", " + std::to_string(c) + "]", message.str());
-    }
+    for (Index r = 0; r < matrix.rows(); ++r) require_finite("delassus", r, c, matrix(r, c));
   const double largest = matrix.size() ? matrix.cwiseAbs().maxCoeff() : 0.0;
   asymmetry_ = largest > 0.0 ? (matrix - matrix.transpose()).cwiseAbs().maxCoeff() / largest : 0.0;
   matrix_ = 0.5 * (matrix + matrix.transpose());

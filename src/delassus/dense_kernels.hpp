@@ -1,7 +1,5 @@
 #pragma once
 
-#include <cstddef>
-
 namespace signorini {
 
 /// Dense kernels on column-major arrays, compiled once per instruction set and chosen at the first use.
@@ -12,7 +10,7 @@ struct DenseKernels {
   /// A 3 x 3 block in a row of blocks: its first row in x, and where its values start, column-major.
   struct BlockAt {
     int offset;
-    std::ptrdiff_t start;
+    long long start;
   };
 
   /// Partial LU with row pivoting inside the p pivot rows. The diagonal of U11 is stored inverted. Returns the sign of

@@ -65,17 +65,21 @@ std::vector<int> islands_of(const SparseMatrix& matrix, const ConstraintSets& se
 }
 
 SparseMatrix select(const SparseMatrix& matrix, const std::vector<Index>& rows, const std::vector<Index>& columns) {
-  std::vector<int> position(static_cast<std::size_t>(matrix.rows()), -1);
-  for (std::size_t r = 0; r < rows.size(); ++r) position[rows[r]] = static_cast<int>(r);
+  // Where each row goes, -1 between the calls: a small part of a large matrix, of which there may be many, costs
+  // little.
+  thread_local std::vector<int> position;
+  if (position.size() < static_cast<std::size_t>(matrix.rows())) position.resize(matrix.rows(), -1);
   SparseMatrix out(static_cast<Index>(rows.size()), static_cast<Index>(columns.size()));
   Index count = 0;
   for (const Index c : columns) count += matrix.outerIndexPtr()[c + 1] - matrix.outerIndexPtr()[c];
   out.reserve(count);
+  for (std::size_t r = 0; r < rows.size(); ++r) position[rows[r]] = static_cast<int>(r);
   for (std::size_t c = 0; c < columns.size(); ++c) {
     out.startVec(static_cast<Index>(c));
     for (SparseMatrix::InnerIterator it(matrix, columns[c]); it; ++it)
       if (position[it.row()] >= 0) out.insertBack(position[it.row()], static_cast<Index>(c)) = it.value();
   }
+  for (const Index r : rows) position[r] = -1;
   out.finalize();
   return out;
 }

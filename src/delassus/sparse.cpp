@@ -1,12 +1,10 @@
 #include "signorini/delassus/sparse.hpp"
 
-#include <cmath>
-#include <sstream>
 #include <string>
 
 #include "explicit_system.hpp"
 #include "islands.hpp"
-#include "signorini/errors.hpp"
+#include "require.hpp"
 
 namespace signorini {
 
@@ -15,13 +13,7 @@ SparseDelassus::SparseDelassus(const SparseMatrix& matrix) {
     throw InvalidInput(
         "delassus", "is " + std::to_string(matrix.rows()) + " x " + std::to_string(matrix.cols()) + ", must be square");
   }
-  for (Index c = 0; c < matrix.outerSize(); ++c)
-    for (SparseMatrix::InnerIterator it(matrix, c); it; ++it) {
-      if (std::abs(it.value()) <= 1e100) continue;  // false for NaN
-      std::ostringstream message;
-      message << "is " << it.value() << ", must be within +-1e100";
-      throw InvalidInput("delassus[" + std::to_string(it.row()) + ", " + std::to_string(c) + "]", message.str());
-    }
+  require_finite("delassus", matrix);
   asymmetry_ = asymmetry_of(matrix);
   const SparseMatrix transpose = matrix.transpose();
   matrix_ = asymmetry_ == 0.0 ? matrix : SparseMatrix(0.5 * (matrix + transpose));

@@ -2,9 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
 #include <string>
 
-#include "signorini/errors.hpp"
+#include "require.hpp"
 
 namespace signorini {
 
@@ -66,8 +67,7 @@ void ConstraintSets::clear() {
 
 void ConstraintSets::add_friction_cone(double friction) {
   if (!(friction >= 0.0 && friction <= 1e6)) {
-    throw InvalidInput("friction[" + std::to_string(num_contacts_) + "]",
-                       "is " + std::to_string(friction) + ", must be in [0, 1e6]");
+    require(false, "friction[" + std::to_string(num_contacts_) + "]", friction, "in [0, 1e6]");
   }
   ConstraintSet set;
   set.friction = friction;
@@ -82,8 +82,10 @@ void ConstraintSets::add_half_line() {
 
 void ConstraintSets::add_interval(double lower, double upper) {
   if (!(lower <= upper) || lower > 1e100 || upper < -1e100) {
-    throw InvalidInput("interval", "is [" + std::to_string(lower) + ", " + std::to_string(upper) +
-                                       "], must have lower <= upper and hold a finite impulse");
+    std::ostringstream message;
+    message << "is the interval [" << lower << ", " << upper
+            << "], must have lower <= upper and hold an impulse within +-1e100";
+    throw InvalidInput("constraints[" + std::to_string(num_sets()) + "]", message.str());
   }
   ConstraintSet set;
   set.type = SetType::Interval;

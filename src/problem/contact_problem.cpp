@@ -1,6 +1,7 @@
 #include "signorini/problem/contact_problem.hpp"
 
 #include <Eigen/SparseCholesky>
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 
@@ -117,10 +118,10 @@ void ContactProblem::velocity(const ConstVectorRef& impulse, VectorRef velocity)
 void ContactProblem::check_definite() const {
   if (size() == 0 || delassus_->definite_by_construction()) return;
   // With unit diagonal, and a shift for rounding (to single precision, in some files) and for what an unsymmetric part
-  // can hide.
+  // can hide; real files have an asymmetry of up to 0.0025.
   const Vector s = scale_.cwiseSqrt().cwiseInverse();
   SparseMatrix a = s.asDiagonal() * delassus_->matrix() * s.asDiagonal();
-  const double shift = 1e-5 + 10.0 * delassus_->asymmetry();
+  const double shift = 1e-5 + std::min(10.0 * delassus_->asymmetry(), 0.1);
   for (Index i = 0; i < size(); ++i) a.coeffRef(i, i) += shift + compliance_[i] * s[i] * s[i];
   Eigen::SimplicialLDLT<SparseMatrix> factor(a);
   const double smallest = factor.info() == Eigen::Success ? factor.vectorD().minCoeff() : -1.0;

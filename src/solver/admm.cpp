@@ -200,7 +200,6 @@ void solve_admm(const ContactProblem& problem, const Settings& settings, AdmmWor
   w.problem.setup(problem, settings.tolerance, settings.admm.scaling);
   solution.iterations = solution.factorizations = 0;
   solution.history.clear();
-  if (settings.record_history) solution.history.reserve(static_cast<std::size_t>(max_iterations));
 
   Admm admm(problem, settings, w, solution);
   admm.resize();

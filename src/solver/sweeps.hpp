@@ -29,7 +29,6 @@ double sweep_and_finish(const ContactProblem& problem, const Settings& settings,
   solution.iterations = solution.factorizations = 0;
   solution.penalty = 0.0;
   solution.history.clear();
-  if (settings.record_history) solution.history.reserve(static_cast<std::size_t>(max_iterations));
 
   double least = std::numeric_limits<double>::infinity();
   bool done = false;

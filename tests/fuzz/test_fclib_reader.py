@@ -51,9 +51,71 @@ def seeds(folder):
             group[f"{name}/x"] = a[at]
         group["vectors/f"], group["vectors/w"], group["vectors/mu"] = np.ones(8), g, np.array([0.5, 0.3])
     yield path.read_bytes()
+    with h5py.File(path, "r+") as file:  # ... with equalities
+        group = file["fclib_global"]
+        for key, value in {"m": 8, "n": 1, "nz": -1, "nzmax": 1}.items():
+            group[f"G/{key}"] = np.array([value], np.int32)
+        group["G/p"], group["G/i"], group["G/x"] = np.array([0, 1]), np.array([7]), np.ones(1)
+        group["vectors/b"] = np.zeros(1)
+    yield path.read_bytes()
+    constraints = [signorini.FrictionCone(0.5), signorini.FrictionCone(0.2), signorini.Equality()]
+    jacobian = rng.normal(size=(7, 9))
+    problem = signorini.ContactProblem(jacobian @ jacobian.T, np.append(g, 0.1), constraints=constraints)
+    fclib.write(path, problem, signorini.solve(problem))
+    with h5py.File(path, "r+") as file:  # local with equalities, and guesses
+        for k in "12":
+            file.copy("solution", f"guesses/{k}")
+    yield path.read_bytes()
 
 
-def mutated(data, rng):
+def odd_field(path, rng):
+    """Another thing in place of one field of a valid file."""
+    with h5py.File(path, "r+") as file:
+        names = []
+        file.visit(names.append)
+        name = rng.choice(names)
+        is_numbers = isinstance(file[name], h5py.Dataset) and file[name].dtype.kind in "iuf"
+        value = file[name][()] if is_numbers else np.ones(3)
+        del file[name]
+        kind = rng.randrange(12)
+        if kind == 0:
+            file.create_group(name)
+        elif kind == 1:
+            file[name] = h5py.SoftLink(rng.choice([f"/{name}", "/nowhere", "/"]))
+        elif kind == 2:
+            file[name] = h5py.ExternalLink("/etc/passwd", "/x")
+        elif kind == 3:
+            file.create_dataset(name, shape=(2**40,), dtype=rng.choice(["f8", "i4"]), chunks=(2**20,))
+        elif kind == 4:
+            kinds = [
+                h5py.string_dtype(),
+                h5py.vlen_dtype(np.int32),
+                h5py.ref_dtype,
+                np.dtype([("a", "f8")]),
+                "c16",
+                "f2",
+            ]
+            file.create_dataset(name, shape=(4,), dtype=rng.choice(kinds))
+        elif kind == 5:
+            file.create_dataset(name, data=rng.choice([h5py.Empty("f8"), 3.0, np.zeros((2, 3)), "text", [True, False]]))
+        elif kind == 6:
+            file[name] = np.array([rng.choice([2**64 - 1, 2**63])], np.uint64)
+        elif kind == 7:
+            file[name] = np.full(np.shape(value), rng.choice([np.nan, 1e308, -1.0, -1e-300]))
+        elif kind == 8:
+            file[name] = np.resize(value, np.size(value) + rng.choice([-1, 1]))
+        elif kind == 9:
+            file[name] = np.asarray(value)[..., None]
+        elif kind == 10:
+            file[name] = np.asarray(value).astype(">f8")
+
+
+def mutated(data, rng, folder):
+    if rng.randrange(4) == 0:
+        path = Path(folder, "odd.hdf5")
+        path.write_bytes(data)
+        odd_field(path, rng)
+        return path.read_bytes()
     data = bytearray(data)
     kind = rng.randrange(6)
     if kind == 0:  # cut off
@@ -144,7 +206,7 @@ def fuzz(folder, count, seed, seconds=float("inf")):
     end, findings, done = time.monotonic() + seconds, [], 0
     with Reader() as reader:
         while done < count and time.monotonic() < end:
-            data = mutated(rng.choice(originals), rng)
+            data = mutated(rng.choice(originals), rng, folder)
             path = Path(folder, "damaged.hdf5")
             path.write_bytes(data)
             if problem := reader(path):

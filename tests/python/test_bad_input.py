@@ -27,6 +27,19 @@ def damaged(**parts):
     return a
 
 
+def damaged_coo(**parts):
+    a = sp.coo_matrix(np.eye(6))
+    for name, at in parts.items():
+        getattr(a, name)[2] = at
+    return a
+
+
+def damaged_lil(columns):
+    a = sp.lil_array(np.eye(6))
+    a.rows[2] = columns
+    return a
+
+
 BAD = {
     # shapes
     "not square": ({"delassus": np.ones((6, 5))}, "delassus"),
@@ -50,6 +63,8 @@ BAD = {
     "ragged vector": ({"free_velocity": [[1.0], 2.0]}, "free_velocity"),
     "huge integer": ({"free_velocity": [10**400] * 6}, "free_velocity"),
     "none": ({"delassus": None}, "delassus"),
+    "masked": ({"delassus": np.ma.array(np.eye(6), mask=np.eye(6))}, "delassus.*masked"),
+    "masked vector": ({"free_velocity": np.ma.array(np.zeros(6), mask=[0, 0, 1, 0, 0, 0])}, "free_velocity.*masked"),
     "sparse complex": ({"delassus": sp.csc_array(np.eye(6) * 1j)}, "delassus"),
     # values
     "nan in G": ({"delassus": with_entry(np.nan, 2, 1)}, "delassus"),
@@ -61,12 +76,18 @@ BAD = {
     "inf in g": ({"free_velocity": with_entry(-np.inf, 1, 3)}, r"free_velocity\[3\].*-inf"),
     "1e300 in g": ({"free_velocity": with_entry(1e300, 1, 2)}, r"free_velocity\[2\].*1e\+300"),
     "negative friction": ({"friction": [0.5, -0.1]}, r"friction.*1.*-0\.1"),
+    "slightly negative friction": ({"friction": [0.5, -1e-9]}, r"friction\[1\]: is -1e-09, must be in \[0, 1e6\]"),
+    "1e300 for friction": ({"friction": [1e300, 0.5]}, r"friction\[0\]: is 1e\+300, must be"),
     "nan friction": ({"friction": [np.nan, 0.1]}, "friction.*nan"),
     "infinite friction": ({"friction": [0.5, np.inf]}, "friction.*inf"),
     "negative compliance": ({"compliance": with_entry(-1e-3, 1, 4)}, r"compliance\[4\].*-0\.001"),
     "nan compliance": ({"compliance": with_entry(np.nan, 1, 4)}, r"compliance\[4\].*nan"),
     "negative diagonal": ({"delassus": -np.eye(6)}, "delassus"),
     "indefinite": ({"delassus": np.eye(6) + np.kron(np.eye(2), 2 * (np.ones((3, 3)) - np.eye(3)))}, "delassus"),
+    "indefinite and unsymmetric": (
+        {"delassus": np.eye(6) + 1.8 * np.eye(6, k=3) + 1.2 * np.eye(6, k=-3)},
+        "delassus.*semidefinite",
+    ),
     "indefinite, sparse": (
         {"delassus": sp.csc_array(np.kron(np.eye(2), np.ones((3, 3)) * -2 + 3 * np.eye(3)))},
         "delassus",
@@ -76,6 +97,10 @@ BAD = {
     "negative index": ({"delassus": damaged(indices=[0, 1, 2, 3, 4, -1])}, "delassus"),
     "pointers beyond the data": ({"delassus": damaged(indptr=[0, 1, 2, 3, 4, 5, 600])}, "delassus"),
     "decreasing pointers": ({"delassus": damaged(indptr=[0, 5, 2, 3, 4, 5, 6])}, "delassus"),
+    "coo row out of range": ({"delassus": damaged_coo(row=10**7)}, "delassus.*damaged.*row"),
+    "coo negative column": ({"delassus": damaged_coo(col=-1)}, "delassus.*damaged.*column"),
+    "lil column out of range": ({"delassus": damaged_lil([10**7])}, "delassus.*damaged.*column"),
+    "lil row longer than its data": ({"delassus": damaged_lil([0, 1])}, "delassus.*damaged.*lengths"),
     "too few pointers": ({"delassus": damaged(indptr=[0, 1, 6])}, "delassus"),
     # constraints
     "both": ({"constraints": [FrictionCone(0.5)] * 2}, "friction.*both"),
@@ -88,10 +113,10 @@ BAD = {
     "negative cone": ({"friction": None, "constraints": [FrictionCone(-1.0), FrictionCone(1.0)]}, "friction.*-1"),
     "cone of text": ({"friction": None, "constraints": [FrictionCone("x")] * 2}, r"constraints\[0\]\.friction"),
     "interval upside down": (
-        {"friction": None, "constraints": [Interval(1.0, 0.0)] + [HalfLine()] * 5},
-        "(?i)lower|interval",
+        {"friction": None, "constraints": [HalfLine()] * 5 + [Interval(1e-9, 0.0)]},
+        r"constraints\[5\]: is the interval \[1e-09, 0\], must have lower <= upper",
     ),
-    "interval of nan": ({"friction": None, "constraints": [Interval(np.nan, 0.0)] * 6}, "(?i)lower|interval"),
+    "interval of nan": ({"friction": None, "constraints": [Interval(np.nan, 0.0)] * 6}, r"constraints\[0\].*nan"),
 }
 
 
@@ -148,7 +173,9 @@ SOLVE_BAD = {
     "ratio": ({"ratio": 0.0}, "ratio"),
     "exponent": ({"spectral_exponent": np.inf}, "spectral_exponent"),
     "increment": ({"spectral_increment": -0.1}, "spectral_increment"),
-    "anderson": ({"anderson_memory": -1}, "anderson_memory"),
+    "anderson": ({"anderson_memory": -1}, r"anderson_memory.*\[0, 50\]"),
+    "facets": ({"facets": 3}, r"facets.*\[4, 64\]"),
+    "facets, odd": ({"facets": 5}, r"facets.*\[4, 64\]"),
     "paper tolerance": ({"paper_tolerance": -1.0}, "paper_tolerance"),
     "over-relaxation": ({"over_relaxation": 2.0}, "over_relaxation"),
     "over-relaxation nan": ({"over_relaxation": np.nan}, "over_relaxation"),

@@ -1,6 +1,7 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -155,6 +156,16 @@ def test_json_target_that_cannot_be_written(folder):
     result = run("solve", folder, "--json", folder / "no" / "such" / "folder.json")
     assert result.exit_code == 2
     assert "folder.json" in result.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a file that is always full")
+def test_json_on_a_full_disk(folder):
+    command = [sys.executable, "-c", "from signorini.cli.main import main; main()", "solve", str(folder), "--json", "-"]
+    with open("/dev/full", "w") as full:
+        result = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert result.returncode == 2
+    assert "No space left" in result.stderr
+    assert "Traceback" not in result.stderr
 
 
 def test_numbers_that_are_not_finite_become_null(folder, monkeypatch):

@@ -1,4 +1,5 @@
 import pickle
+import tracemalloc
 
 import h5py
 import numpy as np
@@ -113,6 +114,23 @@ def test_global_file(path, form, equalities):
         assert problem.constraints == tuple(FrictionCone(m) for m in mu) + (Equality(),) * equalities
 
 
+def test_the_matrix_of_a_large_global_file_is_never_dense(path):
+    n = 3000  # free points on the floor; n x n numbers are 72 MB
+    with h5py.File(path, "w") as file:
+        group = file.create_group("fclib_global")
+        group["spacedim"] = np.array([3], np.int32)
+        for name in ("M", "H"):
+            write_matrix(group, name, sp.eye_array(n), "csc")
+        group["vectors/f"], group["vectors/w"], group["vectors/mu"] = np.zeros(n), np.ones(n), np.ones(n // 3)
+    fclib.read(path)  # scipy's modules are loaded now
+    tracemalloc.start()
+    problem = fclib.read(path, "delassus")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert problem.delassus.nnz == n
+    assert peak < 1e7
+
+
 def test_equality_rows_of_a_local_file(path):
     rng = np.random.default_rng(2)
     a = rng.normal(size=(17, 30))
@@ -176,6 +194,10 @@ def test_write_refuses_what_the_layout_cannot_hold(path):
     small = ContactProblem(np.eye(3), np.zeros(3), [0.1])
     with pytest.raises(signorini.InvalidInputError, match="solution"):
         fclib.write(path, small, signorini.solve(ContactProblem(np.eye(6), np.zeros(6), [0.1, 0.1])))
+    with pytest.raises(signorini.InvalidInputError, match="solution: is a ndarray"):
+        fclib.write(path, small, np.zeros(3))
+    with pytest.raises(signorini.InvalidInputError, match="problem: is a ndarray"):
+        fclib.write(path, np.eye(3))
     assert not path.exists()
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import signorini
-from signorini import ContactProblem, Equality, FrictionCone, peers, scenes
+from signorini import ContactProblem, Equality, FrictionCone, InvalidInputError, peers, scenes
 from signorini.experiments._runs import record, solves
 from signorini.peers import siconos
 from signorini.peers._common import judged
@@ -79,12 +79,17 @@ def test_limits_are_kept(peer):
     assert solution.status in ("max iterations", "stalled", "crashed")
 
 
-def test_only_friction_cones(peer):
+def test_what_a_peer_does_not_take_is_refused(peer):
     problem = ContactProblem(np.eye(4), np.zeros(4), constraints=[FrictionCone(0.5), Equality()])
-    with pytest.raises(ValueError, match="friction cones"):
+    with pytest.raises(InvalidInputError, match="friction cones"):
         peer.solve(problem)
-    with pytest.raises(ValueError, match="law"):
+    with pytest.raises(InvalidInputError, match="no contacts"):  # Clarabel panics, Pinocchio ends the process
+        peer.solve(ContactProblem(np.zeros((0, 0)), [], []))
+    with pytest.raises(InvalidInputError, match="law"):
         peer.solve(point_masses(FREE, [0.5] * 3), law="lcp")
+    for tolerance in (np.nan, 0.0, -1e-6, 1.0):
+        with pytest.raises(InvalidInputError, match="tolerance"):
+            peer.solve(point_masses(FREE, [0.5] * 3), tolerance=tolerance)
 
 
 def test_a_wrong_claim_is_not_believed():

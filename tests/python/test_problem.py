@@ -79,6 +79,20 @@ def test_later_writes_to_the_arrays_given_change_nothing(planted):
         problem.friction = mu
 
 
+@pytest.mark.parametrize("convert", [np.array, sp.csc_array, sp.csc_matrix, sp.csr_array, sp.coo_array, sp.bsr_array])
+def test_later_writes_to_mass_and_jacobian_change_nothing(convert):
+    mass, j, g, mu, _ = planted_problem(1)
+    given = convert(mass), convert(j)
+    problem = ContactProblem.from_mass(*given, g, mu)
+    for matrix in given:
+        (matrix.data if sp.issparse(matrix) else matrix)[:] = 7.0
+    np.testing.assert_array_equal(problem.mass.toarray(), mass)
+    np.testing.assert_array_equal(problem.jacobian.toarray(), j)
+    for matrix in (problem.mass, problem.jacobian):
+        with pytest.raises(ValueError, match="read-only"):
+            matrix.data[:] = 7.0
+
+
 def test_mass_form_has_the_delassus_operator_of_its_definition():
     mass, j, g, mu, impulse = planted_problem(1)
     problem = ContactProblem.from_mass(mass, sp.csr_array(j), g, mu)

@@ -159,12 +159,52 @@ def test_empty_problem_is_solved(solver):
     assert s.impulse.shape == s.velocity.shape == (0,)
 
 
+@pytest.mark.parametrize("law", ["ncp", "ccp"])
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_where_nothing_moves_any_guess_leads_to_zero(solver, law):
+    """What is left of a guess is large against a free velocity of 0, however small it gets: it used to be "stalled"."""
+    j = np.random.default_rng(0).normal(size=(6, 8))
+    for delassus in (np.diag([1.0, 1.0, 0.0]), j @ j.T):
+        n = len(delassus)
+        problem = ContactProblem(delassus, np.zeros(n), np.full(n // 3, 0.1))
+        s = signorini.solve(problem, solver, law, guess=np.arange(n) - 2.0)
+        assert s.solved
+        np.testing.assert_array_equal(s.impulse, 0.0)
+    problem = ContactProblem(np.eye(1), [0.0], constraints=[Interval(1.0, 2.0)])  # here 0 is no impulse to begin with
+    s = signorini.solve(problem, solver, law, guess=[5.0])
+    assert s.solved
+    np.testing.assert_allclose(s.impulse, 1.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_row_that_nothing_moves_beside_one_that_moves(solver):
+    """Its island has no velocities at all; memory of the island before must not be used for it (it was: a crash)."""
+    problem = ContactProblem.from_mass(np.eye(1), [[1.0], [0.0]], [-1.0, -1.0], constraints=[HalfLine()] * 2)
+    assert signorini.solve(problem, solver).status in {"infeasible", "stalled", "max iterations"}
+    workspace = signorini.Workspace()
+    apart = ContactProblem.from_mass(np.eye(1), [[1.0], [0.0]], [-1.0, 1.0], constraints=[HalfLine()] * 2)
+    still = ContactProblem.from_mass(np.zeros((0, 0)), np.zeros((1, 0)), [-1.0], None, [1.0], constraints=[HalfLine()])
+    for each, impulse in ((apart, [1.0, 0.0]), (still, [1.0])):
+        s = signorini.solve(each, solver, workspace=workspace)
+        assert s.solved
+        np.testing.assert_allclose(s.impulse, impulse, atol=1e-5)
+
+
 def test_a_contact_given_twice_is_solved():
     j = np.vstack([np.eye(3), np.eye(3)])
     problem = ContactProblem(j @ j.T, np.tile([1.0, 0.0, -1.0], 2), [0.5, 0.5])
     s = signorini.solve(problem, tolerance=1e-8)
     assert s.solved
     np.testing.assert_allclose(j.T @ s.impulse, [-0.5, 0.0, 1.0], atol=1e-6)  # their sum is unique, they are not
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 6, 7, 8, 9, 10])
+def test_interior_point_in_mass_space_keeps_its_digits_where_contacts_slide(seed):
+    """Its 3 x 3 blocks end with condition numbers of 1e12 and more; inverted by cofactors, all of these stalled."""
+    rng = np.random.default_rng(seed)
+    j = rng.normal(size=(9, 12))
+    problem = ContactProblem.from_mass(np.eye(12), j, j @ rng.normal(size=12), rng.uniform(0.1, 2, 3))
+    assert signorini.solve(problem, "interior-point", "ccp", 1e-6).solved
 
 
 @pytest.mark.parametrize("factor", [1e-6, 1e-3, 1e3, 1e6])
@@ -237,6 +277,13 @@ def test_history_ends_in_the_answer(solver):
     assert s.history["relative"].min() <= 1e-5
     assert np.isfinite(s.history["against_free_velocity"]).all()
     assert len(signorini.solve(problem, solver, guess=guess).history) == 0
+
+
+@pytest.mark.parametrize("solver", [*SOLVERS, "lcp-pgs", "convex-newton", "bisection"])
+def test_memory_for_the_history_is_that_of_the_iterations_done(solver):
+    s = signorini.solve(block(2.0), solver, max_iterations=2**31 - 1, record_history=True)  # 200 GB, were it for all
+    assert s.solved or solver == "convex-newton"
+    assert 1 <= len(s.history) < 200
 
 
 @pytest.mark.parametrize("solver", SOLVERS)

@@ -30,7 +30,10 @@ class MassSpaceDelassus final : public DelassusOperator {
   void invert_mass();
 
   SparseMatrix mass_, jacobian_;
-  SparseMatrix inverse_mass_jacobian_;  // M^-1 J^T, nv x n
+  SparseMatrix transpose_;                // of J
+  std::vector<int> group_of_;             // of each velocity: those that M ties together are one
+  std::vector<std::vector<int>> groups_;  // their velocities, ascending
+  SparseMatrix inverse_mass_jacobian_;    // M^-1 J^T, nv x n
   double asymmetry_ = 0.0;
 };
 

@@ -59,7 +59,8 @@ struct Settings {
   /// What `auto` aims at from a guess, in (0, tolerance]: it goes on below the tolerance while that is cheap, which a
   /// stepping loop wants for its lightest bodies. A guess must be that good to be left alone. 0: 1e-3 tolerance.
   double aim = 0.0;
-  int max_iterations = 0;       ///< 0: the solver's own default; else at least 1
+  /// 0: the solver's own default; else at least 1. Of `auto`: factorisations that an island may cost, about.
+  int max_iterations = 0;
   bool record_history = false;  ///< Solution::history, one record an iteration
   AdmmSettings admm;
   PgsSettings pgs;

@@ -11,7 +11,7 @@ enum class Status {
   Solved,         ///< the certificate is within the tolerance; said of nothing else
   MaxIterations,  ///< out of iterations; impulse is the best seen
   Stalled,        ///< the method cannot go on, or has solved its own model; impulse is the best seen
-  Infeasible,     ///< auto: a ray proves that there is no solution (T49); inverse: nothing allows the motion
+  Infeasible,     ///< auto: a ray rules out solutions of reasonable size (T49); inverse: nothing allows the motion
   Invalid         ///< no finite impulse was found; impulse is zero
 };
 

@@ -21,11 +21,12 @@ def finite(value: float) -> float | None:
 
 def write_json(target: str, content: dict[str, Any], errors: Console) -> bool:
     text = json.dumps(content, indent=2, allow_nan=False) + "\n"
-    if target == "-":
-        sys.stdout.write(text)
-        return True
     try:
-        Path(target).write_text(text)
+        if target == "-":
+            sys.stdout.write(text)
+            sys.stdout.flush()
+        else:
+            Path(target).write_text(text)
     except OSError as error:
         report(errors, error)
         return False

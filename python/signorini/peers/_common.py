@@ -71,12 +71,19 @@ def judged(
     )
 
 
-def require_contacts(problem: signorini.ContactProblem, law: LawName) -> None:
-    """Peers take friction cones only. Raises ValueError otherwise, or for a law that is not "ncp" or "ccp"."""
+def check_input(problem: signorini.ContactProblem, law: LawName, tolerance: float) -> None:
+    """Raises InvalidInputError for what peers do not take, some of them by a crash: constraints other than friction
+    cones, or none; another law than "ncp" or "ccp"; a tolerance outside (0, 1)."""
     if 3 * problem.num_contacts != problem.size:
-        raise ValueError("problem: has constraints other than friction cones, which the peers do not take")
+        raise signorini.InvalidInputError(
+            "problem: has constraints other than friction cones, which the peers do not take"
+        )
+    if problem.size == 0:
+        raise signorini.InvalidInputError("problem: has no contacts, must have at least 1 for a peer")
     if law not in ("ncp", "ccp"):
-        raise ValueError(f'law: is "{law}", must be "ncp" or "ccp"')
+        raise signorini.InvalidInputError(f'law: is "{law}", must be "ncp" or "ccp"')
+    if not 0.0 < tolerance < 1.0:
+        raise signorini.InvalidInputError(f"tolerance: is {tolerance}, must be in (0, 1)")
 
 
 def system_matrix(problem: signorini.ContactProblem) -> sp.csc_matrix:

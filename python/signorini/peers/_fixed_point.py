@@ -13,9 +13,9 @@ from signorini.peers._common import (
     Array,
     ConeProgram,
     PeerSolution,
+    check_input,
     de_saxce_correction,
     judged,
-    require_contacts,
     system_matrix,
 )
 
@@ -39,7 +39,7 @@ def solve_by_cone_programs(
     At most MAX_OUTER_ITERATIONS of them and max_iterations in all, until the certificate holds or PATIENCE runs out.
     The best impulse seen is returned.
     """
-    require_contacts(problem, law)
+    check_input(problem, law, tolerance)
     matrix = system_matrix(problem)
     program = ConeProgram.of(problem, matrix)
     start = time.perf_counter()

@@ -9,7 +9,7 @@ import numpy as np
 
 import signorini
 from signorini._solve import LawName
-from signorini.peers._common import PeerSolution, PeerUnavailableError, judged, require_contacts, system_matrix
+from signorini.peers._common import PeerSolution, PeerUnavailableError, check_input, judged, system_matrix
 
 NAME = "pinocchio"
 
@@ -53,7 +53,7 @@ def solve_admm(
 
     seconds is the call of solve alone, factorisations included; the operator and the solver are built before.
     """
-    require_contacts(problem, law)
+    check_input(problem, law, tolerance)
     version()
     import pinocchio as pin
 
@@ -98,7 +98,7 @@ def solve_pgs(
     Its absolute and relative tolerances are a hundredth of the one asked for: at 1e-6 it has claimed success with
     relative certificates above 1e-2. Where friction is 0 it claims success at once, with the impulse it started from.
     """
-    require_contacts(problem, law)
+    check_input(problem, law, tolerance)
     if law != "ncp":
         raise ValueError('law: Pinocchio 4.1 solves the "ncp" by PGS whatever it is told')
     version()

@@ -23,7 +23,7 @@ import numpy as np
 
 import signorini
 from signorini._solve import LawName
-from signorini.peers._common import PeerSolution, PeerUnavailableError, judged, require_contacts, system_matrix
+from signorini.peers._common import PeerSolution, PeerUnavailableError, check_input, judged, system_matrix
 
 NAME = "siconos"
 METHODS = ("nsgs", "nsn-ac", "nsn-fb")
@@ -144,7 +144,7 @@ def solve(
     done and our certificate does not hold (its error is relative to |q|), it is asked again at a tenth and a hundredth,
     and the time is that of the last attempt alone. One thread; killed after timeout seconds.
     """
-    require_contacts(problem, law)
+    check_input(problem, law, tolerance)
     if law != "ncp":
         raise ValueError('law: Siconos solves the "ncp" only')
     if method not in METHODS:

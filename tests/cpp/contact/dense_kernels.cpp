@@ -128,7 +128,7 @@ BOOST_AUTO_TEST_CASE(a_product_of_blocks_is_that_of_the_matrix) {
       for (int b = first[row]; b < first[row + 1]; ++b) {
         const Matrix block = random.matrix(3, 3);
         matrix.block(3 * row, 3 * columns[b], 3, 3) = block;
-        blocks.push_back({3 * columns[b], static_cast<std::ptrdiff_t>(values.size())});
+        blocks.push_back({3 * columns[b], static_cast<long long>(values.size())});
         values.insert(values.end(), block.data(), block.data() + 9);
       }
     const Vector x = random.vector(9);
