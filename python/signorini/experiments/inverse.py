@@ -176,7 +176,7 @@ def talos(num_steps: int) -> dict[str, Any]:
         state = (simulator.state.q.copy(), simulator.state.v.copy())
         contacts = inverse.contacts(state[0])
         hand = np.array(["wall" in (c.geometry_a, c.geometry_b) for c in contacts])
-        touching = hand & (np.array([c.distance for c in contacts]) < 1e-6)
+        touching = hand & (contacts.distance < 1e-6)
         if guess is None or len(guess) != len(contacts):
             guess = np.zeros((len(contacts), 3))
         still = np.zeros(world.num_v)

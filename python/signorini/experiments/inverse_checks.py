@@ -75,15 +75,15 @@ def touching_configurations(world: World, random: np.random.Generator) -> Iterat
     first thing on the way from a free configuration to a random one."""
     floating = [joint for joint in world.joints if joint.num_q == 7]
     margin = 1.0 if floating else 0.01
-    far = InverseDynamics(world, TIME_STEP, settings=SimulatorSettings(contact_margin=margin))._core
-    fixed = [g.body == 0 for g in world.geometries]
+    far = InverseDynamics(world, TIME_STEP, settings=SimulatorSettings(contact_margin=margin))
+    fixed = np.array([g.body == 0 for g in world.geometries])
     free = world.initial_q
     if "shoulder_lift_joint" in world.joint_names:  # UR5: straight up, not along the ground
         free[world.q_slice("shoulder_lift_joint")] = -0.5 * math.pi
 
     def gaps(q: Array) -> list[tuple[float, bool]]:
-        far.set_configuration(q)
-        return [(c.distance, fixed[c.geometry_a] or fixed[c.geometry_b]) for c in far.points()]
+        points = far.contacts(q)
+        return list(zip(points.distance.tolist(), fixed[points.geometries].any(axis=1).tolist(), strict=True))
 
     def smallest(q: Array) -> float:
         return min((distance for distance, _ in gaps(q)), default=margin)
