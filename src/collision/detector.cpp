@@ -244,7 +244,7 @@ struct Detector::Impl {
         if (are_near(pair.first, pair.second)) near.push_back(pair);
       return;
     }
-    if (!within_old_bounds()) list_candidates(bounds);
+    if (!within_old_bounds(bounds)) list_candidates(bounds);
     for (const auto& pair : candidates)
       if (are_near(pair.first, pair.second)) near.push_back(pair);
   }
@@ -260,9 +260,8 @@ struct Detector::Impl {
       for (const auto& pair : listed) look(pair);
       return;
     }
-    list_candidates(swept);
+    if (!within_old_bounds(swept)) list_candidates(swept);
     for (const auto& pair : candidates) look(pair);
-    old_bounds.clear();  // these candidates are of this step alone
   }
 
   bool is_fast(int a, int b) const { return travel[a] + travel[b] > settings.sweep_from; }
@@ -314,10 +313,10 @@ struct Detector::Impl {
   }
 
   /// Every box lies in the one that the candidates were listed with, widened by the skin.
-  bool within_old_bounds() const {
-    if (old_bounds.size() != bounds.size()) return false;
+  bool within_old_bounds(const std::vector<Bounds>& boxes) const {
+    if (old_bounds.size() != boxes.size()) return false;
     for (const int k : bounded) {
-      const Bounds &now = bounds[k], &old = old_bounds[k];
+      const Bounds &now = boxes[k], &old = old_bounds[k];
       if (!((now.lower.array() >= old.lower.array() - skin).all() &&
             (now.upper.array() <= old.upper.array() + skin).all()))
         return false;
