@@ -23,8 +23,9 @@ constexpr double kLoose = 1e-6;  // what is aimed at from a guess from which on 
 constexpr double kNear = 0.3, kNearer = 0.1, kStuck = 1.5;
 constexpr int kSweptNewton = 3, kSweptProximal = 16, kSweptPatience = 6, kSweepsBetween = 20;
 constexpr ActiveSearch kSweptSearch{1e-5, 0.3, true}, kStickSearch{1e-3, 0.3, false}, kFinishSearch{0.1, 0.3, false};
-constexpr double kAlmostSticks = 0.3;  // certificate of Newton from where all sticks, to go on from there
-constexpr int kWarmNewton = 5;         // iterations granted to Newton from a guess
+constexpr double kGoodStart = 0.3;  // certificate of an iterate of Newton's from which the interior point goes on
+constexpr int kWarmNewton = 5;      // iterations granted to Newton from a guess
+constexpr int kWarmSweeps = 10;     // that follow where these do not do
 constexpr int kWarmPatience = 8, kWarmSteps = 15;
 constexpr double kFirstFinish = 1e-6;  // certificate at which Newton first tries to finish
 // The same on the active rows, over the number of sets, and at most.
@@ -126,8 +127,7 @@ class Ladder {
     if (done()) return;
     if (sweeps_first && sweep(guess)) return;
     if (guess && !sweeps_first) {
-      const bool found =
-          proximal_ ? proximal_newton(*guess, kWarmProximal) : interior_point(guess, {}, kWarmPatience, kWarmSteps);
+      const bool found = proximal_ ? sweep_and_go_on(*guess) : interior_point(guess, {}, kWarmPatience, kWarmSteps);
       if (found) return;
     }
     const Index num_sets = problem_.sets.num_sets();
@@ -450,6 +450,18 @@ class Ladder {
     return false;
   }
 
+  /// From a guess that Newton alone gets nowhere from. Contacts that open, close or begin to slip in this step are few,
+  /// and a few sweeps find them.
+  bool sweep_and_go_on(const GrowVector& guess) {
+    if (!problem_.system->cheap_columns() || problem_.sets.num_sets() > kPatch)
+      return proximal_newton(guess, kWarmProximal);
+    w_.sweeps.start(problem_, &guess);
+    for (int k = 0; k < kWarmSweeps; ++k, ++iterations) w_.sweeps.sweep(problem_);
+    if (newton_from_sweeps(aim_) || proximal_newton(w_.sweeps.impulse(), kWarmProximal)) return true;
+    if (best < kGoodStart) has_near_ = true, w_.near = w_.best;
+    return false;
+  }
+
   /// Counts what an attempt of Newton cost, and offers its best iterate; whether that does.
   bool take(const NewtonResult& result) {
     iterations += result.iterations;
@@ -464,7 +476,7 @@ class Ladder {
     if (!stick_everywhere(problem_, w_.newton)) return false;
     const NewtonResult result = active_newton_iterations(problem_, tolerance_, target, kSweptNewton, w_.newton,
                                                          observer(), 0.0, nullptr, kStickSearch);
-    if (result.relative < kAlmostSticks) has_near_ = true, w_.near = w_.newton.best;
+    if (result.relative < kGoodStart) has_near_ = true, w_.near = w_.newton.best;
     return take(result);
   }
 
