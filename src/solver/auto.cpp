@@ -25,7 +25,8 @@ constexpr int kSweptNewton = 3, kSweptProximal = 16, kSweptPatience = 6, kSweeps
 constexpr ActiveSearch kSweptSearch{1e-5, 0.3, true}, kStickSearch{1e-3, 0.3, false}, kFinishSearch{0.1, 0.3, false};
 constexpr double kGoodStart = 0.3;  // certificate of an iterate of Newton's from which the interior point goes on
 constexpr int kWarmNewton = 5;      // iterations granted to Newton from a guess
-constexpr int kWarmSweeps = 10;     // that follow where these do not do
+constexpr int kWarmSweeps = 10;     // that follow where these do not do and the guess's certificate is above kFarOff
+constexpr double kFarOff = 1e-4;
 constexpr int kWarmPatience = 8, kWarmSteps = 15;
 constexpr double kFirstFinish = 1e-6;  // certificate at which Newton first tries to finish
 // The same on the active rows, over the number of sets, and at most.
@@ -450,14 +451,18 @@ class Ladder {
     return false;
   }
 
-  /// From a guess that Newton alone gets nowhere from. Contacts that open, close or begin to slip in this step are few,
+  /// From a guess that Newton gets nowhere from. Where it is far off, a few contacts open, close or begin to slip now,
   /// and a few sweeps find them.
   bool sweep_and_go_on(const GrowVector& guess) {
-    if (!problem_.system->cheap_columns() || problem_.sets.num_sets() > kPatch)
-      return proximal_newton(guess, kWarmProximal);
-    w_.sweeps.start(problem_, &guess);
-    for (int k = 0; k < kWarmSweeps; ++k, ++iterations) w_.sweeps.sweep(problem_);
-    if (newton_from_sweeps(aim_) || proximal_newton(w_.sweeps.impulse(), kWarmProximal)) return true;
+    BlockSweeps& sweeps = w_.sweeps;
+    bool far = problem_.system->cheap_columns() && problem_.sets.num_sets() <= kPatch;
+    if (far) {
+      sweeps.start(problem_, &guess);
+      far = sweeps.relative(problem_) > kFarOff;
+    }
+    if (!far) return proximal_newton(guess, kWarmProximal);
+    for (int k = 0; k < kWarmSweeps; ++k, ++iterations) sweeps.sweep(problem_);
+    if (newton_from_sweeps(aim_) || proximal_newton(sweeps.impulse(), kWarmProximal)) return true;
     if (best < kGoodStart) has_near_ = true, w_.near = w_.best;
     return false;
   }
