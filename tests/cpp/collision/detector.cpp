@@ -267,7 +267,7 @@ BOOST_AUTO_TEST_CASE(the_tree_finds_what_the_loop_finds_of_fast_bodies) {
     for (std::size_t f = 1; f < motions.size(); ++f) {
       const bool fast = k % 10 < 7 && static_cast<int>(f) % 9 == k / 10 % 9;
       motions[f].centre = heap.frames[f].translation;
-      motions[f].velocity = (fast ? 40.0 : 1.0) * heap.velocities[f] / 1e-3;
+      motions[f].velocity = (fast ? 300.0 : 1.0) * heap.velocities[f] / 1e-3;
     }
     const auto expected = loop.detect(heap.frames, motions, 1e-3);
     BOOST_TEST(identical(expected, tree.detect(heap.frames, motions, 1e-3)));
