@@ -36,7 +36,7 @@ constexpr int kSlowSteps = 3;            // that leave more, in a row, after whi
 constexpr double kFirstProximal = 1e-4;  // certificate at which proximal Newton tries, once a start
 constexpr double kWeight = 3e-4, kWeightShare = 30.0, kHighWeight = 0.3;  // its first weight; late: of the certificate
 // Factorisations granted to it, and how many of them without halving the certificate; for a large island.
-constexpr int kWarmProximal = 15, kProximal = 150, kProximalPatience = 60;
+constexpr int kWarmProximal = 15, kSweptWarmProximal = 10, kProximal = 150, kProximalPatience = 60;
 constexpr int kLargeProximal = 800, kLargeProximalPatience = 400;
 constexpr int kFinish = 3, kLateFinish = 6, kLastFinish = 12;
 constexpr int kLate = 25;  // interior-point iterations after which Newton tries earlier
@@ -462,7 +462,7 @@ class Ladder {
     }
     if (!far) return proximal_newton(guess, kWarmProximal);
     for (int k = 0; k < kWarmSweeps; ++k, ++iterations) sweeps.sweep(problem_);
-    if (newton_from_sweeps(aim_) || proximal_newton(sweeps.impulse(), kWarmProximal)) return true;
+    if (newton_from_sweeps(aim_) || proximal_newton(sweeps.impulse(), kSweptWarmProximal)) return true;
     if (best < kGoodStart) has_near_ = true, w_.near = w_.best;
     return false;
   }

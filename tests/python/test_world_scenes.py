@@ -108,7 +108,7 @@ def test_a_fall_takes_few_factorisations():
         trace = simulator.run(1000)
         assert trace.solved.all()
         counts.append(np.mean(trace.factorizations))
-    assert np.mean(counts) < 7.2  # 6.3; without sweeps between Newton's attempts 8.2
+    assert np.mean(counts) < 7.2  # 6.1; without sweeps between Newton's attempts 8.2
 
 
 def test_missing_packages_are_named(monkeypatch, tmp_path):
