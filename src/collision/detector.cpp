@@ -224,19 +224,23 @@ struct Detector::Impl {
   /// Of two balls that do.
   bool boxes_meet(int a, int b) const {
     const Bounds &p = bounds[a], &q = bounds[b];
-    if (solids[a].type == ShapeType::HalfSpace) return comes_down(a, q, q.radius);
-    if (solids[b].type == ShapeType::HalfSpace) return comes_down(b, p, p.radius);
+    if (solids[a].type == ShapeType::HalfSpace) return ball_comes_down(a, q) && box_comes_down(a, q);
+    if (solids[b].type == ShapeType::HalfSpace) return ball_comes_down(b, p) && box_comes_down(b, p);
     return ((p.lower - q.upper).array() <= settings.margin).all() &&
            ((q.lower - p.upper).array() <= settings.margin).all();
   }
 
-  /// Whether a box, in a ball of this radius, reaches down to a half space; NaN does not.
-  bool comes_down(int half_space, const Bounds& box, double radius) const {
+  /// Whether a ball reaches down to a half space; NaN does not.
+  bool ball_comes_down(int half_space, const Bounds& bound) const {
     const Placement& plane = placements[half_space];
-    const Vector3 normal = plane.rotation.col(2);
-    const Vector3 middle = 0.5 * (box.lower + box.upper), half = 0.5 * (box.upper - box.lower);
-    const double height = normal.dot(middle - plane.translation);
-    return height <= std::min(radius, normal.cwiseAbs().dot(half)) + settings.margin;
+    const double height = plane.rotation.col(2).dot(bound.centre - plane.translation);
+    return height <= bound.radius + settings.margin;
+  }
+
+  bool box_comes_down(int half_space, const Bounds& bound) const {
+    const Vector3 normal = placements[half_space].rotation.col(2);
+    const Vector3 middle = 0.5 * (bound.lower + bound.upper), half = 0.5 * (bound.upper - bound.lower);
+    return normal.dot(middle - placements[half_space].translation) - normal.cwiseAbs().dot(half) <= settings.margin;
   }
 
   void find_near_pairs() {
@@ -270,8 +274,8 @@ struct Detector::Impl {
 
   bool may_meet(int a, int b) const {
     const Bounds &p = swept[a], &q = swept[b];
-    if (solids[a].type == ShapeType::HalfSpace) return comes_down(a, q, kInfinity);
-    if (solids[b].type == ShapeType::HalfSpace) return comes_down(b, p, kInfinity);
+    if (solids[a].type == ShapeType::HalfSpace) return box_comes_down(a, q);
+    if (solids[b].type == ShapeType::HalfSpace) return box_comes_down(b, p);
     return ((p.lower - q.upper).array() <= settings.margin).all() &&
            ((q.lower - p.upper).array() <= settings.margin).all();
   }
