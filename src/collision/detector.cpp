@@ -224,17 +224,23 @@ struct Detector::Impl {
   /// Of two balls that do.
   bool boxes_meet(int a, int b) const {
     const Bounds &p = bounds[a], &q = bounds[b];
-    if (solids[a].type == ShapeType::HalfSpace) return above(a, q);
-    if (solids[b].type == ShapeType::HalfSpace) return above(b, p);
+    if (solids[a].type == ShapeType::HalfSpace) return ball_comes_down(a, q) && box_comes_down(a, q);
+    if (solids[b].type == ShapeType::HalfSpace) return ball_comes_down(b, p) && box_comes_down(b, p);
     return ((p.lower - q.upper).array() <= settings.margin).all() &&
            ((q.lower - p.upper).array() <= settings.margin).all();
   }
 
   /// Whether a ball reaches down to a half space; NaN does not.
-  bool above(int half_space, const Bounds& bound) const {
+  bool ball_comes_down(int half_space, const Bounds& bound) const {
     const Placement& plane = placements[half_space];
     const double height = plane.rotation.col(2).dot(bound.centre - plane.translation);
     return height <= bound.radius + settings.margin;
+  }
+
+  bool box_comes_down(int half_space, const Bounds& bound) const {
+    const Vector3 normal = placements[half_space].rotation.col(2);
+    const Vector3 middle = 0.5 * (bound.lower + bound.upper), half = 0.5 * (bound.upper - bound.lower);
+    return normal.dot(middle - placements[half_space].translation) - normal.cwiseAbs().dot(half) <= settings.margin;
   }
 
   void find_near_pairs() {
@@ -244,7 +250,7 @@ struct Detector::Impl {
         if (are_near(pair.first, pair.second)) near.push_back(pair);
       return;
     }
-    if (!within_old_bounds()) list_candidates(bounds);
+    if (!within_old_bounds(bounds)) list_candidates(bounds);
     for (const auto& pair : candidates)
       if (are_near(pair.first, pair.second)) near.push_back(pair);
   }
@@ -260,22 +266,16 @@ struct Detector::Impl {
       for (const auto& pair : listed) look(pair);
       return;
     }
-    list_candidates(swept);
+    if (!within_old_bounds(swept)) list_candidates(swept);
     for (const auto& pair : candidates) look(pair);
-    old_bounds.clear();  // these candidates are of this step alone
   }
 
   bool is_fast(int a, int b) const { return travel[a] + travel[b] > settings.sweep_from; }
 
   bool may_meet(int a, int b) const {
     const Bounds &p = swept[a], &q = swept[b];
-    const auto comes_down = [this](int half_space, const Bounds& bound) {
-      const Vector3 normal = placements[half_space].rotation.col(2);
-      const Vector3 middle = 0.5 * (bound.lower + bound.upper), half = 0.5 * (bound.upper - bound.lower);
-      return normal.dot(middle - placements[half_space].translation) - normal.cwiseAbs().dot(half) <= settings.margin;
-    };
-    if (solids[a].type == ShapeType::HalfSpace) return comes_down(a, q);
-    if (solids[b].type == ShapeType::HalfSpace) return comes_down(b, p);
+    if (solids[a].type == ShapeType::HalfSpace) return box_comes_down(a, q);
+    if (solids[b].type == ShapeType::HalfSpace) return box_comes_down(b, p);
     return ((p.lower - q.upper).array() <= settings.margin).all() &&
            ((q.lower - p.upper).array() <= settings.margin).all();
   }
@@ -314,10 +314,10 @@ struct Detector::Impl {
   }
 
   /// Every box lies in the one that the candidates were listed with, widened by the skin.
-  bool within_old_bounds() const {
-    if (old_bounds.size() != bounds.size()) return false;
+  bool within_old_bounds(const std::vector<Bounds>& boxes) const {
+    if (old_bounds.size() != boxes.size()) return false;
     for (const int k : bounded) {
-      const Bounds &now = bounds[k], &old = old_bounds[k];
+      const Bounds &now = boxes[k], &old = old_bounds[k];
       if (!((now.lower.array() >= old.lower.array() - skin).all() &&
             (now.upper.array() <= old.upper.array() + skin).all()))
         return false;

@@ -23,8 +23,10 @@ constexpr double kLoose = 1e-6;  // what is aimed at from a guess from which on 
 constexpr double kNear = 0.3, kNearer = 0.1, kStuck = 1.5;
 constexpr int kSweptNewton = 3, kSweptProximal = 16, kSweptPatience = 6, kSweepsBetween = 20;
 constexpr ActiveSearch kSweptSearch{1e-5, 0.3, true}, kStickSearch{1e-3, 0.3, false}, kFinishSearch{0.1, 0.3, false};
-constexpr double kAlmostSticks = 0.3;  // certificate of Newton from where all sticks, to go on from there
-constexpr int kWarmNewton = 5;         // iterations granted to Newton from a guess
+constexpr double kGoodStart = 0.3;  // certificate of an iterate of Newton's from which the interior point goes on
+constexpr int kWarmNewton = 5;      // iterations granted to Newton from a guess
+constexpr int kWarmSweeps = 10;     // that follow where these do not do and the guess's certificate is above kFarOff
+constexpr double kFarOff = 1e-4;
 constexpr int kWarmPatience = 8, kWarmSteps = 15;
 constexpr double kFirstFinish = 1e-6;  // certificate at which Newton first tries to finish
 // The same on the active rows, over the number of sets, and at most.
@@ -34,7 +36,7 @@ constexpr int kSlowSteps = 3;            // that leave more, in a row, after whi
 constexpr double kFirstProximal = 1e-4;  // certificate at which proximal Newton tries, once a start
 constexpr double kWeight = 3e-4, kWeightShare = 30.0, kHighWeight = 0.3;  // its first weight; late: of the certificate
 // Factorisations granted to it, and how many of them without halving the certificate; for a large island.
-constexpr int kWarmProximal = 15, kProximal = 150, kProximalPatience = 60;
+constexpr int kWarmProximal = 15, kSweptWarmProximal = 10, kProximal = 150, kProximalPatience = 60;
 constexpr int kLargeProximal = 800, kLargeProximalPatience = 400;
 constexpr int kFinish = 3, kLateFinish = 6, kLastFinish = 12;
 constexpr int kLate = 25;  // interior-point iterations after which Newton tries earlier
@@ -126,8 +128,7 @@ class Ladder {
     if (done()) return;
     if (sweeps_first && sweep(guess)) return;
     if (guess && !sweeps_first) {
-      const bool found =
-          proximal_ ? proximal_newton(*guess, kWarmProximal) : interior_point(guess, {}, kWarmPatience, kWarmSteps);
+      const bool found = proximal_ ? sweep_and_go_on(*guess) : interior_point(guess, {}, kWarmPatience, kWarmSteps);
       if (found) return;
     }
     const Index num_sets = problem_.sets.num_sets();
@@ -450,6 +451,22 @@ class Ladder {
     return false;
   }
 
+  /// From a guess that Newton gets nowhere from. Where it is far off, a few contacts open, close or begin to slip now,
+  /// and a few sweeps find them.
+  bool sweep_and_go_on(const GrowVector& guess) {
+    BlockSweeps& sweeps = w_.sweeps;
+    bool far = problem_.system->cheap_columns() && problem_.sets.num_sets() <= kPatch;
+    if (far) {
+      sweeps.start(problem_, &guess);
+      far = sweeps.relative(problem_) > kFarOff;
+    }
+    if (!far) return proximal_newton(guess, kWarmProximal);
+    for (int k = 0; k < kWarmSweeps; ++k, ++iterations) sweeps.sweep(problem_);
+    if (newton_from_sweeps(aim_) || proximal_newton(sweeps.impulse(), kSweptWarmProximal)) return true;
+    if (best < kGoodStart) has_near_ = true, w_.near = w_.best;
+    return false;
+  }
+
   /// Counts what an attempt of Newton cost, and offers its best iterate; whether that does.
   bool take(const NewtonResult& result) {
     iterations += result.iterations;
@@ -464,7 +481,7 @@ class Ladder {
     if (!stick_everywhere(problem_, w_.newton)) return false;
     const NewtonResult result = active_newton_iterations(problem_, tolerance_, target, kSweptNewton, w_.newton,
                                                          observer(), 0.0, nullptr, kStickSearch);
-    if (result.relative < kAlmostSticks) has_near_ = true, w_.near = w_.newton.best;
+    if (result.relative < kGoodStart) has_near_ = true, w_.near = w_.newton.best;
     return take(result);
   }
 

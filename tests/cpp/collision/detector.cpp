@@ -257,6 +257,28 @@ BOOST_AUTO_TEST_CASE(the_tree_finds_what_the_loop_finds) {
   BOOST_TEST(total > 5000u);
 }
 
+BOOST_AUTO_TEST_CASE(the_tree_finds_what_the_loop_finds_of_fast_bodies) {
+  Heap heap(120, 0.7);
+  Detector loop = heap.detector(1000), tree = heap.detector(0);
+  std::vector<FrameMotion> motions(heap.frames.size());
+  std::size_t swept = 0, fast_steps = 0;
+  for (int k = 0; k < 100; ++k) {
+    // Bodies in turn are fast, now and then none is: the list of candidates serves both kinds of steps.
+    for (std::size_t f = 1; f < motions.size(); ++f) {
+      const bool fast = k % 10 < 7 && static_cast<int>(f) % 9 == k / 10 % 9;
+      motions[f].centre = heap.frames[f].translation;
+      motions[f].velocity = (fast ? 300.0 : 1.0) * heap.velocities[f] / 1e-3;
+    }
+    const auto expected = loop.detect(heap.frames, motions, 1e-3);
+    BOOST_TEST(identical(expected, tree.detect(heap.frames, motions, 1e-3)));
+    const auto count = std::count_if(expected.begin(), expected.end(), [](const ContactPoint& p) { return p.swept; });
+    swept += static_cast<std::size_t>(count), fast_steps += count > 0 ? 1 : 0;
+    for (std::size_t f = 1; f < motions.size(); ++f) heap.frames[f].translation += 1e-3 * motions[f].velocity;
+  }
+  BOOST_TEST(swept > 50u);
+  BOOST_TEST(fast_steps > 20u);
+}
+
 BOOST_AUTO_TEST_CASE(a_filter_lets_through_what_it_says) {
   const Heap heap(60);
   const int count = static_cast<int>(heap.geometries.size());
