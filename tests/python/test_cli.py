@@ -159,8 +159,9 @@ def test_json_target_that_cannot_be_written(folder):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a file that is always full")
-def test_json_on_a_full_disk(folder):
-    command = [sys.executable, "-c", "from signorini.cli.main import main; main()", "solve", str(folder), "--json", "-"]
+@pytest.mark.parametrize("options", [["--json", "-"], []])
+def test_output_on_a_full_disk(folder, options):
+    command = [sys.executable, "-c", "from signorini.cli.main import main; main()", "solve", str(folder), *options]
     with open("/dev/full", "w") as full:
         result = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
     assert result.returncode == 2
