@@ -83,7 +83,8 @@ def touching_configurations(world: World, random: np.random.Generator) -> Iterat
 
     def gaps(q: Array) -> list[tuple[float, bool]]:
         points = far.contacts(q)
-        return list(zip(points.distance.tolist(), fixed[points.geometries].any(axis=1).tolist(), strict=True))
+        with_fixed = np.any(fixed[points.geometries], axis=1, keepdims=True)
+        return [(float(distance), bool(one)) for distance, one in zip(points.distance, with_fixed[:, 0], strict=True)]
 
     def smallest(q: Array) -> float:
         return min((distance for distance, _ in gaps(q)), default=margin)
