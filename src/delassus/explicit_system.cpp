@@ -307,6 +307,40 @@ Eigen::Matrix3d ExplicitSystem::diagonal_block(Index set) const {
   return block;
 }
 
+bool ExplicitSystem::list_columns(std::vector<int>& first, std::vector<ColumnBlock>& columns) const {
+  if (dense_) return false;
+  first = analysis_->first_column_block;
+  columns.clear();
+  for (const Analysis::Place& place : analysis_->column_blocks) columns.push_back({place.i, a_.data() + place.start});
+  return true;
+}
+
+void ExplicitSystem::extract(const std::vector<int>& part, const ConstraintSets& part_sets,
+                             std::unique_ptr<ScaledDelassus>& system) const {
+  auto* known = dynamic_cast<ExplicitSystem*>(system.get());
+  if (!known) system.reset(known = new ExplicitSystem);
+  known->stride = 0;
+  known->local.resize(sizes_.size());
+  known->diagonal.resize(part.size());
+  known->blocks.clear();
+  const auto count = static_cast<int>(part.size());
+  for (int k = 0; k < count; ++k) known->local[part[k]] = k;
+  for (int j = 0; j < count; ++j)
+    for (int c = analysis_->first_column_block[part[j]]; c < analysis_->first_column_block[part[j] + 1]; ++c) {
+      const Analysis::Place& place = analysis_->column_blocks[c];
+      const int i = known->local[place.i];  // of an earlier part, if that is not in this one
+      const double* values = a_.data() + place.start;
+      if (i == j && place.i == part[j])
+        known->diagonal[j] = values;
+      else if (i > j && i < count && part[i] == place.i)
+        known->blocks.push_back({i, j, values});
+    }
+  std::sort(known->blocks.begin(), known->blocks.end(),
+            [](const Block& a, const Block& b) { return a.i != b.i ? a.i < b.i : a.j < b.j; });
+  const Vector one = Vector::Ones(part_sets.size()), zero = Vector::Zero(part_sets.size());
+  known->setup(part_sets, one, zero);
+}
+
 void ExplicitSystem::add_columns(Index set, const double* x, double* y) const {
   if (dense_) {
     const auto n = static_cast<int>(size_);
@@ -316,9 +350,8 @@ void ExplicitSystem::add_columns(Index set, const double* x, double* y) const {
     return;
   }
   const int columns = sizes_[set];
-  const Analysis::ColumnBlock* end = analysis_->column_blocks.data() + analysis_->first_column_block[set + 1];
-  for (const Analysis::ColumnBlock* b = analysis_->column_blocks.data() + analysis_->first_column_block[set]; b != end;
-       ++b) {
+  const Analysis::Place* end = analysis_->column_blocks.data() + analysis_->first_column_block[set + 1];
+  for (const Analysis::Place* b = analysis_->column_blocks.data() + analysis_->first_column_block[set]; b != end; ++b) {
     const double* a = a_.data() + b->start;
     double* to = y + offsets_[b->i];
     if (columns == 3 && sizes_[b->i] == 3) {

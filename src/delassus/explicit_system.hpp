@@ -48,6 +48,9 @@ class ExplicitSystem final : public ScaledDelassus {
   void add_columns(Index set, const double* x, double* y) const override;
   bool factor_reduced(const std::vector<ReducedSet>& sets, double delta) override;
   void solve_reduced(VectorRef rhs) const override;
+  bool list_columns(std::vector<int>& first, std::vector<ColumnBlock>& columns) const override;
+  void extract(const std::vector<int>& part, const ConstraintSets& part_sets,
+               std::unique_ptr<ScaledDelassus>& system) const override;
 
  private:
   /// A pattern with its symbolic analysis.
@@ -56,12 +59,12 @@ class ExplicitSystem final : public ScaledDelassus {
     std::vector<int> place;           ///< of each block in lu.pairs()
     std::vector<int> diagonal_place;  ///< of each set
     /// Of the columns of each set, the blocks of rows: set i, and where A(i, set) starts in lu.values().
-    struct ColumnBlock {
+    struct Place {
       int i;
       Index start;
     };
     std::vector<int> first_column_block;
-    std::vector<ColumnBlock> column_blocks;
+    std::vector<Place> column_blocks;
     long last_use = 0;
     BlockLu lu;
     void find_columns();

@@ -49,7 +49,8 @@ constexpr int kFrictionBudget = 300;
 constexpr double kLargestImpulse = 1e10;  // over the free velocity: beyond it rounding alone makes residuals small
 constexpr double kNoSolution = 1e8;       // over the free velocity: a solution larger than this counts as none
 constexpr double kRaySoftness = 1e-9, kRaySlope = 1e-6;
-constexpr int kPatch = 100;  // sets of a patch
+constexpr int kPatches = 800;  // sets from which on sweeps go on patch by patch
+constexpr int kPatch = 100;    // sets of a patch of repair()
 constexpr int kPatchBudget = 150, kRepairRounds = 30;
 constexpr double kPatchTolerance = 1e-9;
 constexpr int kFirstOrder = 5000;  // iterations of ADMM, at the very end
@@ -434,6 +435,7 @@ class Ladder {
     }
     offer(sweeps.impulse(), relative, SolverType::Pgs);
     if (relative <= target || !std::isfinite(relative)) return done();
+    if (!guess && may_repair_ && num_sets >= kPatches && sweep_patches()) return done();
 
     has_near_ = relative <= first;
     w_.near = sweeps.impulse();
@@ -448,6 +450,20 @@ class Ladder {
       if (proximal_newton(sweeps.impulse(), kSweptProximal / rounds, kWeight, kSweptPatience)) return true;
     }
     return false;
+  }
+
+  /// On from the sweeps patch by patch; then, unless it is knots that stop these, proximal Newton on the whole. False
+  /// where A does not list its columns.
+  bool sweep_patches() {
+    PatchResult result;
+    if (!w_.patches.solve(problem_, tolerance_, w_.sweeps.impulse(), result)) return false;
+    iterations += static_cast<int>(std::ceil(result.sweeps));
+    factorizations += static_cast<int>(std::ceil(result.factorizations));
+    if (observe_) observe_(w_.patches.impulse(), factorizations);
+    offer(w_.patches.impulse(), result.relative, SolverType::Pgs);
+    has_near_ = true, w_.near = w_.patches.impulse();
+    if (!done() && !result.knotted) proximal_newton(w_.near, kLargeProximal);
+    return true;
   }
 
   /// Counts what an attempt of Newton cost, and offers its best iterate; whether that does.

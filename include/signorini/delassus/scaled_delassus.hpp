@@ -1,8 +1,10 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <vector>
 
+#include "signorini/problem/constraint_set.hpp"
 #include "signorini/types.hpp"
 
 namespace signorini {
@@ -58,6 +60,18 @@ class ScaledDelassus {
   virtual Eigen::Matrix3d diagonal_block(Index /*set*/) const { return Eigen::Matrix3d::Zero(); }
   /// y += A(:, rows of a set) x.
   virtual void add_columns(Index /*set*/, const double* /*x*/, double* /*y*/) const {}
+
+  /// A(rows of `set`, columns of another set), column-major.
+  struct ColumnBlock {
+    int set;
+    const double* values;
+  };
+  /// Where A is stored by its blocks, many of them zero: those that are not, column by column, those of set i from
+  /// first[i] to first[i + 1], ascending. False, and nothing done, where it is not.
+  virtual bool list_columns(std::vector<int>& /*first*/, std::vector<ColumnBlock>& /*blocks*/) const { return false; }
+  /// Makes `system` the A of some of the sets alone, ascending numbers, for a system that lists its columns.
+  virtual void extract(const std::vector<int>& /*part*/, const ConstraintSets& /*part_sets*/,
+                       std::unique_ptr<ScaledDelassus>& /*system*/) const {}
 };
 
 }  // namespace signorini
