@@ -315,30 +315,30 @@ bool ExplicitSystem::list_columns(std::vector<int>& first, std::vector<ColumnBlo
   return true;
 }
 
-void ExplicitSystem::extract(const std::vector<int>& part, const ConstraintSets& part_sets,
-                             std::unique_ptr<ScaledDelassus>& system) const {
+void ScaledDelassus::extract(const std::vector<int>& first, const std::vector<ColumnBlock>& blocks,
+                             const std::vector<int>& part, const ConstraintSets& part_sets,
+                             std::unique_ptr<ScaledDelassus>& system) {
   auto* known = dynamic_cast<ExplicitSystem*>(system.get());
   if (!known) system.reset(known = new ExplicitSystem);
   known->stride = 0;
-  known->local.resize(sizes_.size());
+  known->local.resize(first.size());
   known->diagonal.resize(part.size());
   known->blocks.clear();
   const auto count = static_cast<int>(part.size());
-  for (int k = 0; k < count; ++k) known->local[part[k]] = k;
+  for (int j = 0; j < count; ++j) known->local[part[j]] = j;
   for (int j = 0; j < count; ++j)
-    for (int c = analysis_->first_column_block[part[j]]; c < analysis_->first_column_block[part[j] + 1]; ++c) {
-      const Analysis::Place& place = analysis_->column_blocks[c];
-      const int i = known->local[place.i];  // of an earlier part, if that is not in this one
-      const double* values = a_.data() + place.start;
-      if (i == j && place.i == part[j])
-        known->diagonal[j] = values;
-      else if (i > j && i < count && part[i] == place.i)
-        known->blocks.push_back({i, j, values});
+    for (int c = first[part[j]]; c < first[part[j] + 1]; ++c) {
+      const ColumnBlock& block = blocks[c];
+      const int i = known->local[block.set];  // which an earlier part may have left
+      if (i < 0 || i >= count || part[i] != block.set) continue;
+      if (i == j) known->diagonal[j] = block.values;
+      if (i > j) known->blocks.push_back({i, j, block.values});
     }
   std::sort(known->blocks.begin(), known->blocks.end(),
-            [](const Block& a, const Block& b) { return a.i != b.i ? a.i < b.i : a.j < b.j; });
-  const Vector one = Vector::Ones(part_sets.size()), zero = Vector::Zero(part_sets.size());
-  known->setup(part_sets, one, zero);
+            [](const ExplicitSystem::Block& a, const ExplicitSystem::Block& b) {
+              return a.i != b.i ? a.i < b.i : a.j < b.j;
+            });
+  known->setup(part_sets, Vector::Ones(part_sets.size()), Vector::Zero(part_sets.size()));
 }
 
 void ExplicitSystem::add_columns(Index set, const double* x, double* y) const {

@@ -49,8 +49,6 @@ class ExplicitSystem final : public ScaledDelassus {
   bool factor_reduced(const std::vector<ReducedSet>& sets, double delta) override;
   void solve_reduced(VectorRef rhs) const override;
   bool list_columns(std::vector<int>& first, std::vector<ColumnBlock>& columns) const override;
-  void extract(const std::vector<int>& part, const ConstraintSets& part_sets,
-               std::unique_ptr<ScaledDelassus>& system) const override;
 
  private:
   /// A pattern with its symbolic analysis.

@@ -120,7 +120,8 @@ class Ladder {
   void solve(const GrowVector* guess) {
     proximal_ = law_ == Law::Ncp && problem_.system->reduces();
     active_newton_ = guess && proximal_;
-    const bool sweeps_first = proximal_ && problem_.system->cheap_columns() && (!guess || aim_ >= kLoose);
+    const bool cheap = problem_.system->cheap_columns() || (!guess && in_patches());
+    const bool sweeps_first = proximal_ && cheap && (!guess || aim_ >= kLoose);
     if (guess && !sweeps_first && newton(*guess, kWarmNewton)) return;
     w_.scratch.setZero(problem_.size());
     offer(w_.scratch, natural_residual(problem_, law_, w_.scratch, problem_.b, w_.newton.natural), SolverType::Auto);
@@ -205,6 +206,7 @@ class Ladder {
     return best * scale <= tolerance_ * global_reference_;
   }
   bool large() const { return may_repair_ && problem_.sets.num_sets() > kLarge; }
+  bool in_patches() const { return may_repair_ && problem_.sets.num_sets() >= kPatches; }
   int proximal_budget() const { return large() ? kLargeProximal : kProximal; }
   bool out_of_budget() const { return factorizations >= max_factorizations_; }
 
@@ -435,7 +437,7 @@ class Ladder {
     }
     offer(sweeps.impulse(), relative, SolverType::Pgs);
     if (relative <= target || !std::isfinite(relative)) return done();
-    if (!guess && may_repair_ && num_sets >= kPatches && sweep_patches()) return done();
+    if (!guess && in_patches() && sweep_patches()) return done();
 
     has_near_ = relative <= first;
     w_.near = sweeps.impulse();

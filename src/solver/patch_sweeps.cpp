@@ -201,7 +201,7 @@ void PatchSweeps::newton(const ScaledProblem& problem, double tolerance, double 
   for (const int i : patch_) part_.sets.add(problem.sets[i]);
   part_.reference = unit;
   part_.share_weight = 0.0;
-  problem.system->extract(patch_, part_.sets, part_.system);
+  ScaledDelassus::extract(first_, columns_, patch_, part_.sets, part_.system);
   newton_.resize(num_rows_, static_cast<Index>(patch_.size()));
   newton_.l = state_.head(num_rows_);
   part_.b.resize(num_rows_);

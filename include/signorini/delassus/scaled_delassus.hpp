@@ -61,17 +61,18 @@ class ScaledDelassus {
   /// y += A(:, rows of a set) x.
   virtual void add_columns(Index /*set*/, const double* /*x*/, double* /*y*/) const {}
 
-  /// A(rows of `set`, columns of another set), column-major.
+  /// A(rows of `set`, columns of another one), column-major.
   struct ColumnBlock {
     int set;
     const double* values;
   };
-  /// Where A is stored by its blocks, many of them zero: those that are not, column by column, those of set i from
-  /// first[i] to first[i + 1], ascending. False, and nothing done, where it is not.
+  /// Of A, where many of its blocks are zero, those that are not: of the columns of set i from first[i] to first[i +
+  /// 1]. False, and nothing done, where few are. In mass space the same as of add_columns() holds.
   virtual bool list_columns(std::vector<int>& /*first*/, std::vector<ColumnBlock>& /*blocks*/) const { return false; }
-  /// Makes `system` the A of some of the sets alone, ascending numbers, for a system that lists its columns.
-  virtual void extract(const std::vector<int>& /*part*/, const ConstraintSets& /*part_sets*/,
-                       std::unique_ptr<ScaledDelassus>& /*system*/) const {}
+  /// Makes `system` the A of some of the sets alone, given by their numbers, ascending, from such lists.
+  static void extract(const std::vector<int>& first, const std::vector<ColumnBlock>& blocks,
+                      const std::vector<int>& part, const ConstraintSets& part_sets,
+                      std::unique_ptr<ScaledDelassus>& system);
 };
 
 }  // namespace signorini
