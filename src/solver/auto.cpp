@@ -137,6 +137,7 @@ class Ladder {
     for (const InteriorPoint::Options& options : kAttempts) {
       const bool near = &options == kAttempts;
       if (near && !has_near_) continue;
+      brief_ = near && knotted_;
       if (interior_point(near ? &w_.near : nullptr, options, kPatience, steps)) return;
       if (acceptable()) return;
       if (out_of_budget()) break;
@@ -144,7 +145,7 @@ class Ladder {
         const double weight = std::clamp(kWeightShare * w_.interior_point.relative(), kWeight, kHighWeight);
         if (proximal_newton(w_.interior_point.impulse(), proximal_budget(), weight)) return;
       }
-      if (large() && repair()) return;
+      if (large() && !brief_ && repair()) return;
       if (newton(w_.interior_point.impulse(), kLastFinish)) return;
     }
     if (!guess && may_repair_ && proximal_ && max_factorizations_ >= kBudget && !out_of_budget() &&
@@ -207,7 +208,7 @@ class Ladder {
   }
   bool large() const { return may_repair_ && problem_.sets.num_sets() > kLarge; }
   bool in_patches() const { return may_repair_ && problem_.sets.num_sets() >= kPatches; }
-  int proximal_budget() const { return large() ? kLargeProximal : kProximal; }
+  int proximal_budget() const { return large() && !brief_ ? kLargeProximal : kProximal; }
   bool out_of_budget() const { return factorizations >= max_factorizations_; }
 
   /// The island as a problem of its own, which only the last rungs need.
@@ -464,7 +465,8 @@ class Ladder {
     if (observe_) observe_(w_.patches.impulse(), factorizations);
     offer(w_.patches.impulse(), result.relative, SolverType::Pgs);
     has_near_ = true, w_.near = w_.patches.impulse();
-    if (!done() && !result.knotted) proximal_newton(w_.near, kLargeProximal);
+    knotted_ = result.knotted;
+    if (!done() && !knotted_) proximal_newton(w_.near, kLargeProximal);
     return true;
   }
 
@@ -496,7 +498,8 @@ class Ladder {
 
   bool proximal_newton(const GrowVector& from, int max_factorizations, double weight = kWeight) {
     if (!large()) return proximal_newton(from, max_factorizations, weight, kProximalPatience);
-    return proximal_newton(from, max_factorizations, weight, kLargeProximalPatience, &w_.sweeps);
+    const int patience = brief_ ? kProximalPatience : kLargeProximalPatience;
+    return proximal_newton(from, max_factorizations, weight, patience, &w_.sweeps);
   }
   bool proximal_newton(const GrowVector& from, int max_factorizations, double weight, int patience,
                        BlockSweeps* sweeps = nullptr) {
@@ -575,6 +578,8 @@ class Ladder {
   double tolerance_, aim_, global_reference_, patch_work_ = 0.0;
   double straightest_ = std::numeric_limits<double>::infinity();  // what w_.ray leaves against its own size
   bool has_near_ = false;                                         // whether w_.near is a start of the interior point
+  bool knotted_ = false;  // whether that is where patches have given up for knots
+  bool brief_ = false;    // and the attempt at hand starts there: not for long, for others often do better
   bool active_newton_ = false, proximal_ = false, tried_proximal_ = false;
   int max_factorizations_;
   bool may_repair_;  // false inside a patch
