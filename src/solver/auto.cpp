@@ -35,7 +35,7 @@ constexpr double kFirstProximal = 1e-4;  // certificate at which proximal Newton
 constexpr double kWeight = 3e-4, kWeightShare = 30.0, kHighWeight = 0.3;  // its first weight; late: of the certificate
 // Factorisations granted to it, and how many of them without halving the certificate; for a large island.
 constexpr int kWarmProximal = 15, kProximal = 150, kProximalPatience = 60;
-constexpr int kLargeProximal = 800, kLargeProximalPatience = 400;
+constexpr int kLargeProximal = 800, kLargeProximalPatience = 400, kKnottedProximal = 500;
 constexpr int kFinish = 3, kLateFinish = 6, kLastFinish = 12;
 constexpr int kLate = 25;  // interior-point iterations after which Newton tries earlier
 constexpr double kLateFactor = 100.0;
@@ -208,7 +208,7 @@ class Ladder {
   }
   bool large() const { return may_repair_ && problem_.sets.num_sets() > kLarge; }
   bool in_patches() const { return may_repair_ && problem_.sets.num_sets() >= kPatches; }
-  int proximal_budget() const { return large() && !brief_ ? kLargeProximal : kProximal; }
+  int proximal_budget() const { return !large() ? kProximal : brief_ ? kKnottedProximal : kLargeProximal; }
   bool out_of_budget() const { return factorizations >= max_factorizations_; }
 
   /// The island as a problem of its own, which only the last rungs need.
@@ -498,8 +498,7 @@ class Ladder {
 
   bool proximal_newton(const GrowVector& from, int max_factorizations, double weight = kWeight) {
     if (!large()) return proximal_newton(from, max_factorizations, weight, kProximalPatience);
-    const int patience = brief_ ? kProximalPatience : kLargeProximalPatience;
-    return proximal_newton(from, max_factorizations, weight, patience, &w_.sweeps);
+    return proximal_newton(from, max_factorizations, weight, kLargeProximalPatience, &w_.sweeps);
   }
   bool proximal_newton(const GrowVector& from, int max_factorizations, double weight, int patience,
                        BlockSweeps* sweeps = nullptr) {
@@ -579,7 +578,7 @@ class Ladder {
   double straightest_ = std::numeric_limits<double>::infinity();  // what w_.ray leaves against its own size
   bool has_near_ = false;                                         // whether w_.near is a start of the interior point
   bool knotted_ = false;  // whether that is where patches have given up for knots
-  bool brief_ = false;    // and the attempt at hand starts there: not for long, for others often do better
+  bool brief_ = false;    // and the attempt at hand starts there: not for all of the budget
   bool active_newton_ = false, proximal_ = false, tried_proximal_ = false;
   int max_factorizations_;
   bool may_repair_;  // false inside a patch
