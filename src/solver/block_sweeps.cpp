@@ -1,6 +1,7 @@
 // Letters in this file: l, t  scaled impulse and its velocity A l + b;  x, u  those of one contact while it is visited.
 #include "signorini/solver/block_sweeps.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "no_malloc.hpp"
@@ -8,7 +9,7 @@
 namespace signorini {
 namespace {
 
-constexpr int kVisitSteps = 1;  // at each visit of a contact
+constexpr double kDecoupled = 1e-12;  // of the normal entry: what counts as none between rows
 
 double inverse_or_zero(double x) { return x > 0.0 ? 1.0 / x : 0.0; }
 
@@ -24,6 +25,12 @@ SweptSet::SweptSet(const ConstraintSet& set, const Eigen::Matrix3d& of_set) : bl
   tangent = inverse_or_zero(mean + std::sqrt(half * half + block(0, 1) * block(0, 1)));
 }
 
+void SweptSet::take_one_step_if_exact() {
+  const double coupling = std::max(
+      {std::abs(block(0, 1)), std::abs(block(0, 2)), std::abs(block(1, 2)), std::abs(block(0, 0) - block(1, 1))});
+  if (coupling <= kDecoupled * block(2, 2)) steps = 1;
+}
+
 bool visit_set(const ConstraintSet& set, const SweptSet& s, double* l, const double* t, double* change, bool& slips) {
   slips = false;
   if (set.type != SetType::FrictionCone) {
@@ -36,7 +43,7 @@ bool visit_set(const ConstraintSet& set, const SweptSet& s, double* l, const dou
   if (l[0] == 0.0 && l[1] == 0.0 && l[2] == 0.0 && t[2] >= 0.0) return false;  // stays open
   const Eigen::Matrix3d& a = s.block;
   double x[3] = {l[0], l[1], l[2]}, u[3] = {t[0], t[1], t[2]};
-  for (int step = 0; step < kVisitSteps; ++step) {
+  for (int step = 0; step < s.steps; ++step) {
     double normal = x[2] - s.normal * u[2];
     if (normal < 0.0) normal = 0.0;
     const double rise = normal - x[2];

@@ -45,6 +45,7 @@ void PatchSweeps::start(const ScaledProblem& problem, const GrowVector& impulse)
     offsets_.push_back(static_cast<int>(problem.sets[i].offset));
     sizes_.push_back(static_cast<int>(problem.sets[i].size()));
     swept_.emplace_back(problem.sets[i], problem.system->diagonal_block(i));
+    swept_.back().take_one_step_if_exact();
   }
   const std::size_t count = sizes_.size();
   place_.assign(count, -1);

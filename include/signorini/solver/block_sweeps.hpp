@@ -12,8 +12,13 @@ struct SweptSet {
   double normal = 0.0;    ///< 1 / normal diagonal entry; of a one-row set, 1 / its entry
   double tangent = 0.0;   ///< 1 / largest eigenvalue of the tangential block
 
+  int steps = 3;  ///< at each visit
+
   SweptSet() = default;
   SweptSet(const ConstraintSet& set, const Eigen::Matrix3d& block);
+  /// One step where it is exact but for rounding: its rows do not act on each other, and its tangents are alike, as for
+  /// a sphere.
+  void take_one_step_if_exact();
 };
 using SweptSets = std::vector<SweptSet, Eigen::aligned_allocator<SweptSet>>;
 
