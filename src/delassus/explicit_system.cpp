@@ -324,6 +324,40 @@ Eigen::Matrix3d ExplicitSystem::diagonal_block(Index set) const {
   return block;
 }
 
+bool ExplicitSystem::list_columns(std::vector<int>& first, std::vector<ColumnBlock>& columns) const {
+  if (dense_) return false;
+  first = analysis_->first_column_block;
+  columns.clear();
+  for (const Analysis::Place& place : analysis_->column_blocks) columns.push_back({place.i, a_.data() + place.start});
+  return true;
+}
+
+void ScaledDelassus::extract(const std::vector<int>& first, const std::vector<ColumnBlock>& blocks,
+                             const std::vector<int>& part, const ConstraintSets& part_sets,
+                             std::unique_ptr<ScaledDelassus>& system) {
+  auto* known = dynamic_cast<ExplicitSystem*>(system.get());
+  if (!known) system.reset(known = new ExplicitSystem);
+  known->stride = 0;
+  known->local.resize(first.size());
+  known->diagonal.resize(part.size());
+  known->blocks.clear();
+  const auto count = static_cast<int>(part.size());
+  for (int j = 0; j < count; ++j) known->local[part[j]] = j;
+  for (int j = 0; j < count; ++j)
+    for (int c = first[part[j]]; c < first[part[j] + 1]; ++c) {
+      const ColumnBlock& block = blocks[c];
+      const int i = known->local[block.set];  // which an earlier part may have left
+      if (i < 0 || i >= count || part[i] != block.set) continue;
+      if (i == j) known->diagonal[j] = block.values;
+      if (i > j) known->blocks.push_back({i, j, block.values});
+    }
+  std::sort(known->blocks.begin(), known->blocks.end(),
+            [](const ExplicitSystem::Block& a, const ExplicitSystem::Block& b) {
+              return a.i != b.i ? a.i < b.i : a.j < b.j;
+            });
+  known->setup(part_sets, Vector::Ones(part_sets.size()), Vector::Zero(part_sets.size()));
+}
+
 void ExplicitSystem::add_columns(Index set, const double* x, double* y) const {
   if (dense_) {
     const auto n = static_cast<int>(size_);
@@ -333,9 +367,8 @@ void ExplicitSystem::add_columns(Index set, const double* x, double* y) const {
     return;
   }
   const int columns = sizes_[set];
-  const Analysis::ColumnBlock* end = analysis_->column_blocks.data() + analysis_->first_column_block[set + 1];
-  for (const Analysis::ColumnBlock* b = analysis_->column_blocks.data() + analysis_->first_column_block[set]; b != end;
-       ++b) {
+  const Analysis::Place* end = analysis_->column_blocks.data() + analysis_->first_column_block[set + 1];
+  for (const Analysis::Place* b = analysis_->column_blocks.data() + analysis_->first_column_block[set]; b != end; ++b) {
     const double* a = a_.data() + b->start;
     double* to = y + offsets_[b->i];
     if (columns == 3 && sizes_[b->i] == 3) {

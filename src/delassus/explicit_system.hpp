@@ -49,6 +49,7 @@ class ExplicitSystem final : public ScaledDelassus {
   void add_columns(Index set, const double* x, double* y) const override;
   bool factor_reduced(const std::vector<ReducedSet>& sets, double delta) override;
   void solve_reduced(VectorRef rhs) const override;
+  bool list_columns(std::vector<int>& first, std::vector<ColumnBlock>& columns) const override;
 
  private:
   /// A pattern with its symbolic analysis.
@@ -57,12 +58,12 @@ class ExplicitSystem final : public ScaledDelassus {
     std::vector<int> place;           ///< of each block in lu.pairs()
     std::vector<int> diagonal_place;  ///< of each set
     /// Of the columns of each set, the blocks of rows: set i, and where A(i, set) starts in lu.values().
-    struct ColumnBlock {
+    struct Place {
       int i;
       Index start;
     };
     std::vector<int> first_column_block;  ///< of each set; the same for its rows
-    std::vector<ColumnBlock> column_blocks;
+    std::vector<Place> column_blocks;
     std::vector<DenseKernels::BlockAt> row_blocks;  ///< A(set, i), where all sets are contacts
     long last_use = 0;
     BlockLu lu;

@@ -38,6 +38,7 @@ class MassSpaceSystem final : public ScaledDelassus {
   void solve_reduced(VectorRef rhs) const override;
   Eigen::Matrix3d diagonal_block(Index set) const override;
   void add_columns(Index set, const double* x, double* y) const override;
+  bool list_columns(std::vector<int>& first, std::vector<ColumnBlock>& blocks) const override;
 
  private:
   /// Rows of one set times the columns of one block of velocities: a dense piece of Js.
@@ -52,7 +53,7 @@ class MassSpaceSystem final : public ScaledDelassus {
   };
 
   /// A block of A in the columns of one set.
-  struct ColumnBlock {
+  struct Place {
     int set;             // of its rows
     std::size_t values;  // column-major
   };
@@ -88,7 +89,7 @@ class MassSpaceSystem final : public ScaledDelassus {
   std::vector<int> mass_outer_, mass_inner_, jacobian_outer_, jacobian_inner_;
   SparseMatrix inverse_;  // M^-1 Js'
   // A, set by set, made when asked for.
-  mutable std::vector<ColumnBlock> column_blocks_;
+  mutable std::vector<Place> column_blocks_;
   mutable std::vector<std::size_t> first_column_block_;
   mutable std::vector<double> column_values_;
   BlockDiagonal x_inverse_, y_, c_;
@@ -296,7 +297,7 @@ void MassSpaceSystem::add_columns(Index set, const double* x, double* y) const {
   if (first_column_block_.empty()) make_columns();
   const int columns = set_sizes_[set];
   for (std::size_t k = first_column_block_[set]; k < first_column_block_[set + 1]; ++k) {
-    const ColumnBlock& block = column_blocks_[k];
+    const Place& block = column_blocks_[k];
     const double* a = column_values_.data() + block.values;
     double* to = y + set_offsets_[block.set];
     if (columns == 3 && set_sizes_[block.set] == 3) {
@@ -308,6 +309,14 @@ void MassSpaceSystem::add_columns(Index set, const double* x, double* y) const {
     for (int c = 0; c < columns; ++c)
       for (int r = 0; r < set_sizes_[block.set]; ++r) to[r] += *a++ * x[c];
   }
+}
+
+bool MassSpaceSystem::list_columns(std::vector<int>& first, std::vector<ColumnBlock>& blocks) const {
+  if (first_column_block_.empty()) make_columns();
+  first.assign(first_column_block_.begin(), first_column_block_.end());
+  blocks.clear();
+  for (const Place& place : column_blocks_) blocks.push_back({place.set, column_values_.data() + place.values});
+  return true;
 }
 
 void MassSpaceSystem::add_product(const Vector& w, VectorRef y) const {

@@ -21,6 +21,11 @@ void Anderson::setup(Index n, int memory) {
     gamma_.resize(memory);
     g_.resize(n), last_g_.resize(n), last_image_.resize(n);
   }
+  restart(n);
+}
+
+void Anderson::restart(Index n) {
+  n_ = n;
   pause_ = 0.0;
   plain_steps_left_ = 0;
   reset();
@@ -31,15 +36,16 @@ void Anderson::reset() {
   has_last_ = extrapolated_ = false;
 }
 
-void Anderson::step(const Vector& x, const Vector& image, Vector& next) {
+void Anderson::step(const ConstVectorRef& x, const ConstVectorRef& image, VectorRef next) {
   if (memory_ == 0) {
     next = image;
     return;
   }
-  g_ = image - x;
-  const double norm = g_.norm();
+  auto g = g_.head(n_);
+  g = image - x;
+  const double norm = g.norm();
   if (extrapolated_ && !(norm <= last_norm_)) {
-    next = last_image_;  // the plain step instead
+    next = last_image_.head(n_);  // the plain step instead
     reset();
     pause_ = std::min(2.0 * pause_ + kFirstPause, kLongestPause);
     plain_steps_left_ = static_cast<int>(pause_);
@@ -48,7 +54,7 @@ void Anderson::step(const Vector& x, const Vector& image, Vector& next) {
   if (extrapolated_) pause_ *= kPauseDecay;
 
   if (has_last_) remember(image);
-  last_image_ = image, last_g_ = g_, last_norm_ = norm;
+  last_image_.head(n_) = image, last_g_.head(n_) = g, last_norm_ = norm;
   has_last_ = true;
 
   next = image;
@@ -56,18 +62,19 @@ void Anderson::step(const Vector& x, const Vector& image, Vector& next) {
   if (plain_steps_left_ > 0) {
     --plain_steps_left_;
   } else if (columns_ > 0 && solve_least_squares()) {
-    for (Index j = 0; j < columns_; ++j) next -= gamma_[j] * images_.col(j);
+    for (Index j = 0; j < columns_; ++j) next -= gamma_[j] * images_.col(j).head(n_);
     extrapolated_ = true;
   }
 }
 
-void Anderson::remember(const Vector& image) {
+void Anderson::remember(const ConstVectorRef& image) {
   const Index k = oldest_;
-  images_.col(k) = image - last_image_;
-  residuals_.col(k) = g_ - last_g_;
+  images_.col(k).head(n_) = image - last_image_.head(n_);
+  residuals_.col(k).head(n_) = g_.head(n_) - last_g_.head(n_);
   oldest_ = (oldest_ + 1) % memory_;
   columns_ = std::min(columns_ + 1, memory_);
-  for (Index j = 0; j < columns_; ++j) gram_(j, k) = gram_(k, j) = residuals_.col(j).dot(residuals_.col(k));
+  for (Index j = 0; j < columns_; ++j)
+    gram_(j, k) = gram_(k, j) = residuals_.col(j).head(n_).dot(residuals_.col(k).head(n_));
 }
 
 bool Anderson::solve_least_squares() {
@@ -83,7 +90,7 @@ bool Anderson::solve_least_squares() {
     }
   }
   for (Index j = 0; j < m; ++j) {
-    double v = residuals_.col(j).dot(g_);
+    double v = residuals_.col(j).head(n_).dot(g_.head(n_));
     for (Index k = 0; k < j; ++k) v -= factor_(j, k) * gamma_[k];
     gamma_[j] = v / factor_(j, j);
   }

@@ -37,7 +37,7 @@ constexpr double kFirstProximal = 1e-4;  // certificate at which proximal Newton
 constexpr double kWeight = 3e-4, kWeightShare = 30.0, kHighWeight = 0.3;  // its first weight; late: of the certificate
 // Factorisations granted to it, and how many of them without halving the certificate; for a large island.
 constexpr int kWarmProximal = 15, kSweptWarmProximal = 10, kProximal = 150, kProximalPatience = 60;
-constexpr int kLargeProximal = 800, kLargeProximalPatience = 400;
+constexpr int kLargeProximal = 800, kLargeProximalPatience = 400, kKnottedProximal = 500;
 constexpr int kFinish = 3, kLateFinish = 6, kLastFinish = 12;
 constexpr int kLate = 25;  // interior-point iterations after which Newton tries earlier
 constexpr double kLateFactor = 100.0;
@@ -51,7 +51,8 @@ constexpr int kFrictionBudget = 300;
 constexpr double kLargestImpulse = 1e10;  // over the free velocity: beyond it rounding alone makes residuals small
 constexpr double kNoSolution = 1e8;       // over the free velocity: a solution larger than this counts as none
 constexpr double kRaySoftness = 1e-9, kRaySlope = 1e-6;
-constexpr int kPatch = 100;  // sets of a patch
+constexpr int kPatches = 800;  // sets from which on sweeps go on patch by patch
+constexpr int kPatch = 100;    // sets of a patch of repair()
 constexpr int kPatchBudget = 150, kRepairRounds = 30;
 constexpr double kPatchTolerance = 1e-9;
 constexpr int kFirstOrder = 5000;  // iterations of ADMM, at the very end
@@ -121,7 +122,8 @@ class Ladder {
   void solve(const GrowVector* guess) {
     proximal_ = law_ == Law::Ncp && problem_.system->reduces();
     active_newton_ = guess && proximal_;
-    const bool sweeps_first = proximal_ && problem_.system->cheap_columns() && (!guess || aim_ >= kLoose);
+    const bool cheap = problem_.system->cheap_columns() || (!guess && in_patches());
+    const bool sweeps_first = proximal_ && cheap && (!guess || aim_ >= kLoose);
     if (guess && !sweeps_first && newton(*guess, kWarmNewton)) return;
     w_.scratch.setZero(problem_.size());
     offer(w_.scratch, natural_residual(problem_, law_, w_.scratch, problem_.b, w_.newton.natural), SolverType::Auto);
@@ -136,6 +138,7 @@ class Ladder {
     for (const InteriorPoint::Options& options : kAttempts) {
       const bool near = &options == kAttempts;
       if (near && !has_near_) continue;
+      brief_ = near && knotted_;
       if (interior_point(near ? &w_.near : nullptr, options, kPatience, steps)) return;
       if (acceptable()) return;
       if (out_of_budget()) break;
@@ -143,7 +146,7 @@ class Ladder {
         const double weight = std::clamp(kWeightShare * w_.interior_point.relative(), kWeight, kHighWeight);
         if (proximal_newton(w_.interior_point.impulse(), proximal_budget(), weight)) return;
       }
-      if (large() && repair()) return;
+      if (large() && !brief_ && repair()) return;
       if (newton(w_.interior_point.impulse(), kLastFinish)) return;
     }
     if (!guess && may_repair_ && proximal_ && max_factorizations_ >= kBudget && !out_of_budget() &&
@@ -205,7 +208,8 @@ class Ladder {
     return best * scale <= tolerance_ * global_reference_;
   }
   bool large() const { return may_repair_ && problem_.sets.num_sets() > kLarge; }
-  int proximal_budget() const { return large() ? kLargeProximal : kProximal; }
+  bool in_patches() const { return may_repair_ && problem_.sets.num_sets() >= kPatches; }
+  int proximal_budget() const { return !large() ? kProximal : brief_ ? kKnottedProximal : kLargeProximal; }
   bool out_of_budget() const { return factorizations >= max_factorizations_; }
 
   /// The island as a problem of its own, which only the last rungs need.
@@ -435,6 +439,7 @@ class Ladder {
     }
     offer(sweeps.impulse(), relative, SolverType::Pgs);
     if (relative <= target || !std::isfinite(relative)) return done();
+    if (!guess && in_patches() && sweep_patches()) return done();
 
     has_near_ = relative <= first;
     w_.near = sweeps.impulse();
@@ -465,6 +470,21 @@ class Ladder {
     if (newton_from_sweeps(aim_) || proximal_newton(sweeps.impulse(), kSweptWarmProximal)) return true;
     if (best < kGoodStart) has_near_ = true, w_.near = w_.best;
     return false;
+  }
+
+  /// On from the sweeps patch by patch; then, unless it is knots that stop these, proximal Newton on the whole. False
+  /// where A does not list its columns.
+  bool sweep_patches() {
+    PatchResult result;
+    if (!w_.patches.solve(problem_, tolerance_, w_.sweeps.impulse(), result)) return false;
+    iterations += static_cast<int>(std::ceil(result.sweeps));
+    factorizations += static_cast<int>(std::ceil(result.factorizations));
+    if (observe_) observe_(w_.patches.impulse(), factorizations);
+    offer(w_.patches.impulse(), result.relative, SolverType::Pgs);
+    has_near_ = true, w_.near = w_.patches.impulse();
+    knotted_ = result.knotted;
+    if (!done() && !knotted_) proximal_newton(w_.near, kLargeProximal);
+    return true;
   }
 
   /// Counts what an attempt of Newton cost, and offers its best iterate; whether that does.
@@ -574,6 +594,8 @@ class Ladder {
   double tolerance_, aim_, global_reference_, patch_work_ = 0.0;
   double straightest_ = std::numeric_limits<double>::infinity();  // what w_.ray leaves against its own size
   bool has_near_ = false;                                         // whether w_.near is a start of the interior point
+  bool knotted_ = false;  // whether that is where patches have given up for knots
+  bool brief_ = false;    // and the attempt at hand starts there: not for all of the budget
   bool active_newton_ = false, proximal_ = false, tried_proximal_ = false;
   int max_factorizations_;
   bool may_repair_;  // false inside a patch

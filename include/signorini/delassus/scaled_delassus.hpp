@@ -1,8 +1,10 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <vector>
 
+#include "signorini/problem/constraint_set.hpp"
 #include "signorini/types.hpp"
 
 namespace signorini {
@@ -58,6 +60,19 @@ class ScaledDelassus {
   virtual Eigen::Matrix3d diagonal_block(Index /*set*/) const { return Eigen::Matrix3d::Zero(); }
   /// y += A(:, rows of a set) x.
   virtual void add_columns(Index /*set*/, const double* /*x*/, double* /*y*/) const {}
+
+  /// A(rows of `set`, columns of another one), column-major.
+  struct ColumnBlock {
+    int set;
+    const double* values;
+  };
+  /// Of A, where many of its blocks are zero, those that are not: of the columns of set i from first[i] to first[i +
+  /// 1]. False, and nothing done, where few are. In mass space the same as of add_columns() holds.
+  virtual bool list_columns(std::vector<int>& /*first*/, std::vector<ColumnBlock>& /*blocks*/) const { return false; }
+  /// Makes `system` the A of some of the sets alone, given by their numbers, ascending, from such lists.
+  static void extract(const std::vector<int>& first, const std::vector<ColumnBlock>& blocks,
+                      const std::vector<int>& part, const ConstraintSets& part_sets,
+                      std::unique_ptr<ScaledDelassus>& system);
 };
 
 }  // namespace signorini

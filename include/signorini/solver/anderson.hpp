@@ -15,13 +15,16 @@ class Anderson {
   void setup(Index n, int memory);
   /// Forgets all steps: T has changed.
   void reset();
+  /// The same for a map of n unknowns, at most those of setup(), about which nothing is known. Allocates nothing.
+  void restart(Index n);
   /// The next iterate, from x and image = T(x); next is neither of them. Allocates nothing.
-  void step(const Vector& x, const Vector& image, Vector& next);
+  void step(const ConstVectorRef& x, const ConstVectorRef& image, VectorRef next);
 
  private:
-  void remember(const Vector& image);
+  void remember(const ConstVectorRef& image);
   bool solve_least_squares();
 
+  Index n_ = 0;
   Matrix images_;     ///< dT, a column a step, the oldest overwritten
   Matrix residuals_;  ///< dg
   Matrix gram_;       ///< dg^T dg

@@ -5,12 +5,14 @@
 #include "signorini/solver/block_sweeps.hpp"
 #include "signorini/solver/interior_point.hpp"
 #include "signorini/solver/newton.hpp"
+#include "signorini/solver/patch_sweeps.hpp"
 
 namespace signorini {
 
 struct AutoWorkspace {
   ScaledProblem problem;
   BlockSweeps sweeps;
+  PatchSweeps patches;
   InteriorPoint interior_point;
   NewtonMemory newton;
   GrowVector best, ray, near, start, impulse, scratch;

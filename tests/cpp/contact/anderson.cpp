@@ -86,3 +86,25 @@ BOOST_AUTO_TEST_CASE(nan_does_not_extrapolate) {
   anderson.step(Vector(next), Vector::Constant(1, kNan), next);
   BOOST_TEST(next[0] == 2.0);
 }
+
+BOOST_AUTO_TEST_CASE(restarted_for_fewer_unknowns_it_is_as_if_made_for_them) {
+  Anderson used, fresh;
+  used.setup(12, 3);
+  fresh.setup(5, 3);
+  Random random(32);
+  for (int k = 0; k < 6; ++k) {
+    Vector next(12);
+    used.step(random.vector(12), random.vector(12), next);
+  }
+  used.restart(5);
+  Vector rates(5);
+  rates << 0.999, 0.99, 0.9, 0.5, -0.5;
+  Vector x = Vector::Ones(5), next(5), expected(5);
+  for (int k = 0; k < 8; ++k) {
+    const Vector image = rates.cwiseProduct(x);
+    used.step(x, image, next);
+    fresh.step(x, image, expected);
+    BOOST_TEST(next == expected);
+    x = next;
+  }
+}
