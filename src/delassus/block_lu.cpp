@@ -306,30 +306,37 @@ void BlockLu::analyze(const std::vector<int>& block_sizes, const BlockLists& nei
                                              position_in(super, a), position_in(super, b)};
   }
 
-  // Room for the largest sizes.
   entries_.reserve(2 * pairs_.size());
   sizes_.clear();
   set_sizes(block_sizes);
-  Index num_factors = 0, stack = 0, top = 0, largest = 0, widest = 0;
+  find_room();
+  pivots_.assign(static_cast<std::size_t>(size_), 0);
+  x_.assign(static_cast<std::size_t>(size_), 0.0);
+}
+
+/// For the sizes at hand, the largest ones.
+void BlockLu::find_room() {
+  room_ = Room();
+  Index top = 0;
   for (const Supernode& super : supernodes_) {
     const Index p = super.pivots, u = super.updates;
-    num_factors += (p + 2 * u) * p;
+    room_.factors += (p + 2 * u) * p;
     // The stack holds the children's updates until the parent has taken them.
     for (int c = super.children; c < super.children + super.num_children; ++c) {
       const Index updates = supernodes_[children_[c]].updates;
       top -= updates * updates;
     }
     top += u * u;
-    stack = std::max(stack, top);
-    largest = std::max(largest, u * u);
-    widest = std::max(widest, u);
+    room_.stack = std::max(room_.stack, top);
+    room_.widest = std::max(room_.widest, u);
   }
-  factors_.assign(static_cast<std::size_t>(num_factors), 0.0);
-  stack_.assign(static_cast<std::size_t>(stack), 0.0);
-  schur_.assign(static_cast<std::size_t>(largest), 0.0);
-  pivots_.assign(static_cast<std::size_t>(size_), 0);
-  x_.assign(static_cast<std::size_t>(size_), 0.0);
-  update_.assign(static_cast<std::size_t>(widest), 0.0);
+}
+
+void BlockLu::make_room() {
+  factors_.resize(static_cast<std::size_t>(room_.factors));
+  stack_.resize(static_cast<std::size_t>(room_.stack));
+  schur_.resize(static_cast<std::size_t>(room_.widest * room_.widest));
+  update_.resize(static_cast<std::size_t>(room_.widest));
 }
 
 void BlockLu::set_sizes(const std::vector<int>& block_sizes) {
@@ -437,6 +444,7 @@ void BlockLu::extend_add_symmetric(const Supernode& super, double*& top) {
 }
 
 bool BlockLu::factor() {
+  make_room();
   const DenseKernels& kernels = dense_kernels();
   sign_ = 1;
   symmetric_ = false;
@@ -463,6 +471,7 @@ bool BlockLu::factor() {
 }
 
 bool BlockLu::factor_symmetric() {
+  make_room();
   const DenseKernels& kernels = dense_kernels();
   sign_ = 1;
   symmetric_ = true;

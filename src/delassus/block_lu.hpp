@@ -22,7 +22,7 @@ struct BlockLists {
 
 /// Multifrontal LU of a square matrix of small dense blocks with a symmetric pattern and unsymmetric values: an
 /// approximate-minimum-degree order of the block graph, relaxed supernodes, dense fronts, row pivoting inside a
-/// supernode. After analyze(), nothing here allocates.
+/// supernode. Only analyze(), and the first factorisation after it, allocate.
 /// Reference: Duff and Reid 1983; Liu 1992 for the elimination tree and the stack of updates.
 class BlockLu {
  public:
@@ -53,8 +53,7 @@ class BlockLu {
   int determinant_sign() const { return sign_; }
   /// With the last factorisation, in place. Rows that a block does not have are left alone.
   void solve(VectorRef rhs) const;
-  /// Entries of L and U.
-  Index num_factor_entries() const { return static_cast<Index>(factors_.size()); }
+  Index num_factor_entries() const { return room_.factors; }  ///< of L and U
 
  private:
   struct Supernode {
@@ -96,6 +95,13 @@ class BlockLu {
   void extend_add(const Supernode& super, double*& top);
   void extend_add_symmetric(const Supernode& super, double*& top);
 
+  void find_room();
+  void make_room();  // later, since large islands may do without
+
+  struct Room {
+    Index factors = 0, stack = 0, widest = 0;
+  };
+  Room room_;
   Index size_ = 0;
   int sign_ = 0;
   bool symmetric_ = false;  // what the last factorisation was

@@ -701,7 +701,9 @@ void solve_islands(const ContactProblem& problem, const Settings& settings, Auto
     }
     Ladder ladder(w.problem, problem, island, settings.law, tolerance, aim, reference / w.problem.unit, budget,
                   may_repair, w, std::move(observe));
-    ladder.solve(guess ? &w.start : nullptr);
+    // A guess that dwarfs what is asked for leaves rounding alone to tell impulses apart.
+    const bool near = guess && w.start.lpNorm<Eigen::Infinity>() <= kLargestImpulse * w.problem.reference;
+    ladder.solve(near ? &w.start : nullptr);
     history_factorizations += ladder.factorizations;
     solution.iterations = std::max(solution.iterations, ladder.iterations);
     solution.factorizations = std::max(solution.factorizations, ladder.factorizations);

@@ -217,6 +217,15 @@ def test_units_do_not_matter(factor):
     np.testing.assert_allclose(scaled.velocity, plain.velocity, atol=1e-7)
 
 
+def test_a_guess_that_dwarfs_the_free_velocity_does_no_harm():
+    for seed in range(60, 70):
+        rng = np.random.default_rng(seed)
+        jacobian = rng.normal(size=(6, 2))  # 6 rows on 2 velocities: most of a guess moves nothing
+        problem = ContactProblem(jacobian @ jacobian.T, jacobian @ rng.normal(size=2) * 1e-15, [0.5, 0.5])
+        assert signorini.solve(problem).solved
+        assert signorini.solve(problem, guess=np.tile([0.0, 0.0, 1.0], 2)).solved
+
+
 def test_guess_of_a_solution_is_accepted_at_once():
     mass, j, g, mu, _ = planted_problem(9)
     problem = ContactProblem.from_mass(mass, j, g, mu)
