@@ -169,21 +169,22 @@ class ContactList(Sequence[Contact]):
             return [self[i] for i in range(*k.indices(len(self)))]
         i = operator.index(k)
         (body_a, geometry_a), (body_b, geometry_b) = (self._names[g] for g in self.geometries[i])
-        frame, force = self.frame[i], self.force_local[i]
+        # Copies: a contact that somebody keeps must not keep the arrays of all of them.
+        frame, force = self.frame[i].copy(), self.force_local[i].copy()
         return Contact(
             body_a=body_a,
             body_b=body_b,
             geometry_a=geometry_a,
             geometry_b=geometry_b,
-            position=self.position[i],
+            position=self.position[i].copy(),
             normal=frame[:, 2],
             frame=frame,
             distance=float(self.distance[i]),
             mode=cast(ContactModeName, str(_MODES[self._mode[i]])),
             force=frame @ force,
             force_local=force,
-            moment_local=self.moment_local[i],
-            velocity=self.velocity[i],
+            moment_local=self.moment_local[i].copy(),
+            velocity=self.velocity[i].copy(),
             id=int(self.id[i]),
         )
 

@@ -237,6 +237,8 @@ def test_contacts_are_copied_and_pickled(tumble, copied):
     assert np.array_equal(again.force, contacts.force)
     assert np.array_equal(again.mode, contacts.mode)
     assert not np.shares_memory(again.position, contacts.position)
+    for name in ("position", "normal", "frame", "force_local", "moment_local", "velocity"):
+        assert not np.shares_memory(getattr(contacts[0], name), getattr(contacts, name)), name
 
 
 def test_contact_problem_is_what_was_solved(tumble, tmp_path):
