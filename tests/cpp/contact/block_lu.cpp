@@ -1,6 +1,7 @@
 #include "../../../src/delassus/block_lu.hpp"
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <boost/test/unit_test.hpp>
 #include <vector>
 
