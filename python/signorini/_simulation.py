@@ -134,7 +134,7 @@ class ContactList(Sequence[Contact]):
 
     def __init__(self, world: World, columns: tuple[NDArray[Any], ...]) -> None:
         geometries, numbers, mode, identity = columns
-        self._world = world
+        self._names = world._names_of_geometries  # no world, which cannot be pickled
         self.geometries: NDArray[np.int32] = geometries
         self.position: Array = numbers[:, :3]
         self.frame: Array = numbers[:, 3:12].reshape(-1, 3, 3)
@@ -168,22 +168,23 @@ class ContactList(Sequence[Contact]):
         if isinstance(k, slice):
             return [self[i] for i in range(*k.indices(len(self)))]
         i = operator.index(k)
-        a, b = (self._world.geometries[g] for g in self.geometries[i])
-        frame, force = self.frame[i], self.force_local[i]
+        (body_a, geometry_a), (body_b, geometry_b) = (self._names[g] for g in self.geometries[i])
+        # Copies: a contact that somebody keeps must not keep the arrays of all of them.
+        frame, force = self.frame[i].copy(), self.force_local[i].copy()
         return Contact(
-            body_a=self._world.body_names[a.body],
-            body_b=self._world.body_names[b.body],
-            geometry_a=a.name,
-            geometry_b=b.name,
-            position=self.position[i],
+            body_a=body_a,
+            body_b=body_b,
+            geometry_a=geometry_a,
+            geometry_b=geometry_b,
+            position=self.position[i].copy(),
             normal=frame[:, 2],
             frame=frame,
             distance=float(self.distance[i]),
             mode=cast(ContactModeName, str(_MODES[self._mode[i]])),
             force=frame @ force,
             force_local=force,
-            moment_local=self.moment_local[i],
-            velocity=self.velocity[i],
+            moment_local=self.moment_local[i].copy(),
+            velocity=self.velocity[i].copy(),
             id=int(self.id[i]),
         )
 

@@ -714,6 +714,11 @@ class World:
         return tuple(geometry.name for geometry in self.geometries)
 
     @cached_property
+    def _names_of_geometries(self) -> tuple[tuple[str, str], ...]:
+        """Of each its body's name and its own."""
+        return tuple((self.body_names[geometry.body], geometry.name) for geometry in self.geometries)
+
+    @cached_property
     def actuator_names(self) -> tuple[str, ...]:
         return tuple(actuator.name for actuator in self.actuators)
 

@@ -48,7 +48,8 @@ class BlockLu {
   void set_sizes(const std::vector<int>& block_sizes);
 
   bool factor();
-  /// Factors a symmetric positive definite matrix, without pivoting, from its lower blocks; false when it is not that.
+  /// Factors a symmetric positive definite matrix, without pivoting; false when it is not that. Of blocks (i, j) and
+  /// (j, i) the one below the diagonal in the order of elimination is read, so both have to be there.
   bool factor_symmetric();
   int determinant_sign() const { return sign_; }
   /// With the last factorisation, in place. Rows that a block does not have are left alone.

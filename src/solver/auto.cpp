@@ -50,7 +50,9 @@ constexpr double kFrictionGrowth = 1.1, kMostFrictionGrowth = 1.3, kLeastFrictio
 constexpr int kFrictionBudget = 300;
 constexpr double kLargestImpulse = 1e10;  // over the free velocity: beyond it rounding alone makes residuals small
 constexpr double kNoSolution = 1e8;       // over the free velocity: a solution larger than this counts as none
-constexpr double kRaySoftness = 1e-9, kRaySlope = 1e-6;
+// With a softness near rounding the solve turns the ray out of the cones, and projecting it undoes what was purged.
+constexpr double kRaySoftness = 1e-5, kRaySlope = 1e-6;
+constexpr int kRayPurges = 4;
 constexpr int kPatches = 800;  // sets from which on sweeps go on patch by patch
 constexpr int kPatch = 100;    // sets of a patch of repair()
 constexpr int kPatchBudget = 150, kRepairRounds = 30;
@@ -168,9 +170,11 @@ class Ladder {
                              Eigen::Matrix3d(kRaySoftness * Eigen::Matrix3d::Identity()));
     ++factorizations;
     if (!problem_.system->factor(soft)) return false;
-    problem_.system->solve(ray);
-    ray *= kRaySoftness;
-    keep_ray(ray);
+    for (int k = 0; k < kRayPurges; ++k) {
+      problem_.system->solve(ray);
+      ray *= kRaySoftness;
+      keep_ray(ray);
+    }
     problem_.system->apply(ray, velocity);
     const double slope = -problem_.b.dot(ray);
     return slope > kRaySlope * problem_.b.norm() * ray.norm() &&

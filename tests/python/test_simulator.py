@@ -1,6 +1,8 @@
 """The simulator's interface: state, contacts, save and restore, rollouts, bad input. Physics: test_physics.py."""
 
+import copy
 import math
+import pickle
 import warnings
 
 import numpy as np
@@ -219,6 +221,24 @@ def test_columns_of_contacts_say_the_same_as_the_items():
     held = contacts.position.copy()
     simulator.run(20)
     assert np.array_equal(contacts.position, held)  # of its own
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda contacts: pickle.loads(pickle.dumps(contacts))])
+def test_contacts_are_copied_and_pickled(tumble, copied):
+    simulator = Simulator(tumble)
+    assert len(copied(simulator.contacts)) == 0
+    simulator.run(300)
+    contacts = simulator.contacts
+    again = copied(contacts)
+    assert len(again) == len(contacts) > 0
+    assert [(one.id, one.body_a, one.geometry_b) for one in again] == [
+        (one.id, one.body_a, one.geometry_b) for one in contacts
+    ]
+    assert np.array_equal(again.force, contacts.force)
+    assert np.array_equal(again.mode, contacts.mode)
+    assert not np.shares_memory(again.position, contacts.position)
+    for name in ("position", "normal", "frame", "force_local", "moment_local", "velocity"):
+        assert not np.shares_memory(getattr(contacts[0], name), getattr(contacts, name)), name
 
 
 def test_contact_problem_is_what_was_solved(tumble, tmp_path):

@@ -308,6 +308,28 @@ def unsolvable():
     yield ContactProblem(np.array([[1.0, -1], [-1, 1]]), [-1.0, -1], constraints=[HalfLine(), HalfLine()])
 
 
+def test_auto_says_infeasible_however_the_matrix_is_given():
+    """One body pushed from thirteen sides. A linear program that asks for less than the cones do agrees."""
+    linprog = pytest.importorskip("scipy.optimize").linprog
+    rng = np.random.default_rng(5)
+    angles = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
+    facets = np.column_stack([np.cos(angles), np.sin(angles)])
+    for _ in range(4):
+        root = rng.normal(size=(6, 6))
+        mass, j, g = root @ root.T + 0.5 * np.eye(6), rng.normal(size=(39, 6)), rng.normal(size=39)
+        mu = rng.choice([0.0, 0.3, 1.0], size=13)
+        planes = sp.block_diag([np.column_stack([m * facets, -np.ones(32)]) for m in mu])
+        velocity = linprog(np.zeros(6), A_ub=planes @ j, b_ub=-planes @ g, bounds=(None, None))
+        assert velocity.status == 2  # there is none that the contacts allow
+        delassus = j @ np.linalg.solve(mass, j.T)
+        for problem in (
+            ContactProblem.from_mass(mass, j, g, mu),
+            ContactProblem(delassus, g, mu),
+            ContactProblem(sp.csc_array(delassus), g, mu),
+        ):
+            assert signorini.solve(problem, law="ccp").status == "infeasible"
+
+
 @pytest.mark.parametrize("law", ["ncp", "ccp"])
 def test_auto_says_infeasible(law):
     for problem in unsolvable():
