@@ -330,6 +330,10 @@ void BlockLu::find_room() {
     room_.stack = std::max(room_.stack, top);
     room_.widest = std::max(room_.widest, u);
   }
+  factors_.reserve(static_cast<std::size_t>(room_.factors));
+  stack_.reserve(static_cast<std::size_t>(room_.stack));
+  schur_.reserve(static_cast<std::size_t>(room_.widest * room_.widest));
+  update_.reserve(static_cast<std::size_t>(room_.widest));
 }
 
 void BlockLu::make_room() {

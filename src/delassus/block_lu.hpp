@@ -22,7 +22,7 @@ struct BlockLists {
 
 /// Multifrontal LU of a square matrix of small dense blocks with a symmetric pattern and unsymmetric values: an
 /// approximate-minimum-degree order of the block graph, relaxed supernodes, dense fronts, row pivoting inside a
-/// supernode. Only analyze(), and the first factorisation after it, allocate.
+/// supernode. After analyze(), nothing here allocates.
 /// Reference: Duff and Reid 1983; Liu 1992 for the elimination tree and the stack of updates.
 class BlockLu {
  public:
@@ -97,7 +97,7 @@ class BlockLu {
   void extend_add_symmetric(const Supernode& super, double*& top);
 
   void find_room();
-  void make_room();  // later, since large islands may do without
+  void make_room();  // in what find_room() has reserved; large islands may do without, and then nobody touches it
 
   struct Room {
     Index factors = 0, stack = 0, widest = 0;

@@ -98,7 +98,7 @@ BOOST_AUTO_TEST_CASE(any_pattern_is_solved_and_blocks_may_shrink_to_nothing) {
           Matrix kept(n, n);
           for (Index c = 0; c < n; ++c)
             for (Index r = 0; r < n; ++r) kept(r, c) = matrix(rows[r], rows[c]);
-          const Eigen::FullPivLU<Matrix> reference(kept);
+          const Eigen::FullPivLU<Matrix> reference(n > 0 ? kept : Matrix(Matrix::Identity(1, 1)));
           if (n > 0 && reference.rcond() < 1e-8) continue;  // pivots are sought inside supernodes alone
           BOOST_TEST_CONTEXT("count " << count << ", kind " << kind << ", round " << round << ", " << symmetric) {
             BOOST_REQUIRE((symmetric ? lu.factor_symmetric() : lu.factor()));
