@@ -118,6 +118,7 @@ class Admm {
 
     const Residual certificate = certify(w_.y);
     if (settings_.record_history) {
+      const AllowMalloc allow;
       solution_.history.push_back({solution_.iterations, solution_.factorizations, rho(), certificate});
     }
     if (!settings_.admm.scaling) {

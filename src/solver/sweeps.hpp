@@ -41,6 +41,7 @@ double sweep_and_finish(const ContactProblem& problem, const Settings& settings,
       rows.best = rows.impulse;
     }
     if (settings.record_history && solution.iterations > 0) {
+      const AllowMalloc allow;
       solution.history.push_back({solution.iterations, 0, 0.0, certificate});
     }
     done = now.done;
