@@ -397,7 +397,7 @@ void forward_in_registers(int p, int n, const double* l, int ldl, double* x, dou
   for (int v = 0; v < MV; ++v) {
     const __mmask8 top = rows_before(p, v);
     _mm512_mask_storeu_pd(x + v * W, top, z[v]);
-    _mm512_mask_storeu_pd(y - p + v * W, mask(rows_before(n, v) & ~top), z[v]);
+    if (n > p) _mm512_mask_storeu_pd(y - p + v * W, mask(rows_before(n, v) & ~top), z[v]);
   }
 }
 

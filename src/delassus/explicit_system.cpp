@@ -276,8 +276,7 @@ void ExplicitSystem::apply(const ConstVectorRef& x, VectorRef y) const {
       add_block_products(ni, nj, a, xi, x.data() + offsets_[pair.j], yi, y.data() + offsets_[pair.j]);
       continue;
     }
-    for (int c = 0; c < nj; ++c)
-      for (int r = 0; r < ni; ++r) yi[r] += a[c * ni + r] * xi[c];
+    add_block_product(ni, nj, a, xi, yi);
   }
 }
 
@@ -366,20 +365,9 @@ void ExplicitSystem::add_columns(Index set, const double* x, double* y) const {
     for (int r = 0; r < n; ++r) y[r] += a[r] * x[0];
     return;
   }
-  const int columns = sizes_[set];
   const Analysis::Place* end = analysis_->column_blocks.data() + analysis_->first_column_block[set + 1];
-  for (const Analysis::Place* b = analysis_->column_blocks.data() + analysis_->first_column_block[set]; b != end; ++b) {
-    const double* a = a_.data() + b->start;
-    double* to = y + offsets_[b->i];
-    if (columns == 3 && sizes_[b->i] == 3) {
-      to[0] += a[0] * x[0] + a[3] * x[1] + a[6] * x[2];
-      to[1] += a[1] * x[0] + a[4] * x[1] + a[7] * x[2];
-      to[2] += a[2] * x[0] + a[5] * x[1] + a[8] * x[2];
-      continue;
-    }
-    for (int c = 0; c < columns; ++c)
-      for (int r = 0; r < sizes_[b->i]; ++r) to[r] += *a++ * x[c];
-  }
+  for (const Analysis::Place* b = analysis_->column_blocks.data() + analysis_->first_column_block[set]; b != end; ++b)
+    add_block_product(sizes_[b->i], sizes_[set], a_.data() + b->start, x, y + offsets_[b->i]);
 }
 
 bool ExplicitSystem::factor_dense() {

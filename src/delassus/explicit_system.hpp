@@ -114,6 +114,18 @@ class ExplicitSystem final : public ScaledDelassus {
   std::vector<int> outer_, inner_;
 };
 
+/// y += a x, for a block a of rows x columns.
+inline void add_block_product(int rows, int columns, const double* a, const double* x, double* y) {
+  if (rows == 3 && columns == 3) {
+    y[0] += a[0] * x[0] + a[3] * x[1] + a[6] * x[2];
+    y[1] += a[1] * x[0] + a[4] * x[1] + a[7] * x[2];
+    y[2] += a[2] * x[0] + a[5] * x[1] + a[8] * x[2];
+    return;
+  }
+  for (int c = 0; c < columns; ++c)
+    for (int r = 0; r < rows; ++r) y[r] += *a++ * x[c];
+}
+
 /// yi += a xj, yj += a^T xi, for a block a of ni x nj.
 inline void add_block_products(int ni, int nj, const double* a, const double* xi, const double* xj,
                                double* __restrict yi, double* __restrict yj) {

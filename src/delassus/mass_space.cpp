@@ -295,19 +295,10 @@ Eigen::Matrix3d MassSpaceSystem::diagonal_block(Index set) const {
 
 void MassSpaceSystem::add_columns(Index set, const double* x, double* y) const {
   if (first_column_block_.empty()) make_columns();
-  const int columns = set_sizes_[set];
   for (std::size_t k = first_column_block_[set]; k < first_column_block_[set + 1]; ++k) {
     const Place& block = column_blocks_[k];
-    const double* a = column_values_.data() + block.values;
-    double* to = y + set_offsets_[block.set];
-    if (columns == 3 && set_sizes_[block.set] == 3) {
-      to[0] += a[0] * x[0] + a[3] * x[1] + a[6] * x[2];
-      to[1] += a[1] * x[0] + a[4] * x[1] + a[7] * x[2];
-      to[2] += a[2] * x[0] + a[5] * x[1] + a[8] * x[2];
-      continue;
-    }
-    for (int c = 0; c < columns; ++c)
-      for (int r = 0; r < set_sizes_[block.set]; ++r) to[r] += *a++ * x[c];
+    add_block_product(set_sizes_[block.set], set_sizes_[set], column_values_.data() + block.values, x,
+                      y + set_offsets_[block.set]);
   }
 }
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "delassus/explicit_system.hpp"
 #include "no_malloc.hpp"
 
 namespace signorini {
@@ -24,18 +25,6 @@ constexpr double kBar = 0.5, kPatchAim = 0.3;  // of the tolerance: error that a
 // are beside those of all of it.
 constexpr double kSweepBudget = 2000.0, kKnotBudget = 50.0;
 constexpr int kMostRounds = 40;
-
-/// y += a x.
-inline void add_product(int rows, int columns, const double* a, const double* x, double* y) {
-  if (rows == 3 && columns == 3) {
-    y[0] += a[0] * x[0] + a[3] * x[1] + a[6] * x[2];
-    y[1] += a[1] * x[0] + a[4] * x[1] + a[7] * x[2];
-    y[2] += a[2] * x[0] + a[5] * x[1] + a[8] * x[2];
-    return;
-  }
-  for (int c = 0; c < columns; ++c)
-    for (int r = 0; r < rows; ++r) y[r] += a[c * rows + r] * x[c];
-}
 
 }  // namespace
 
@@ -149,7 +138,7 @@ void PatchSweeps::put(const double* l) {
     }
     for (int c = first_[i]; moved && c < first_[i + 1]; ++c) {
       const int j = columns_[c].set;
-      add_product(sizes_[j], sizes_[i], columns_[c].values, change, t_.data() + offsets_[j]);
+      add_block_product(sizes_[j], sizes_[i], columns_[c].values, change, t_.data() + offsets_[j]);
     }
   }
 }
@@ -168,7 +157,7 @@ double PatchSweeps::sweep(const ScaledProblem& problem) {
     for (int r = 0; r < size; ++r) square += change[r] * change[r];
     largest = std::max(largest, square);
     for (int b = block_first_[k]; b < block_first_[k + 1]; ++b)
-      add_product(blocks_[b].size, size, blocks_[b].values, change, t + blocks_[b].row);
+      add_block_product(blocks_[b].size, size, blocks_[b].values, change, t + blocks_[b].row);
   }
   return std::sqrt(largest);
 }
