@@ -74,6 +74,18 @@ def test_pile_is_settled():
     assert normal.max() <= 0.02 * 0.05 / 1e-3 + GRAVITY_STEP
 
 
+@pytest.mark.parametrize("layers", [4.0, None])
+def test_the_ground_carries_a_pile(layers):
+    problem = scenes.pile(500, 1, layers=layers, speed=0.0)
+    solution = signorini.solve(problem, tolerance=1e-6)
+    assert solution.status == "solved"
+    ground = problem.free_velocity[2::3] < -0.99 * GRAVITY_STEP  # elsewhere it touches walls and bodies that fall along
+    carried = solution.impulse[2::3][ground].sum()
+    num_spheres = np.ceil(500 / 2.2)  # of 1 kg
+    # The rest is up to the walls: they hold by friction, or press down on what wedges itself in.
+    assert 0.7 < carried / (num_spheres * GRAVITY_STEP) < 1.3
+
+
 def test_stack_stands_on_its_weight():
     problem = scenes.cube_stack(5, 1e3)
     solution = signorini.solve(problem, tolerance=1e-9)

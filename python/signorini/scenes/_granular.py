@@ -35,7 +35,8 @@ def pile(
     velocities [m/s], so that some contacts slide or open. radius: mean radius [m], drawn within 20 %. dt: step [s].
 
     The spheres are dropped into place geometrically: overlaps are pushed apart and gravity pulls down until both
-    balance. The num_contacts nearest pairs are the contacts, with their gaps in the free velocity.
+    balance. Contacts are what touches the ground or a wall, and the nearest pairs, with their gaps in the free
+    velocity.
 
     Raises ValueError naming the field for values out of range.
     """
@@ -118,7 +119,8 @@ def _settle(random: np.random.Generator, radii: Array, half_width: float, sweeps
 def _nearest_contacts(
     centres: Array, radii: Array, half_width: float, num_contacts: int, friction: float, radius: float
 ) -> Contacts | None:
-    """The num_contacts pairs with the smallest gaps, walls and ground included; None when there are not as many."""
+    """num_contacts of them: what touches a wall or the ground, then the pairs with the smallest gaps; None when there are
+    not as many."""
     pairs = cKDTree(centres).query_pairs(2.0 * _SPREAD[1] + _MARGIN, output_type="ndarray").astype(np.int64)
     offset = centres[pairs[:, 1]] - centres[pairs[:, 0]]
     distance = np.linalg.norm(offset, axis=1)
@@ -139,7 +141,9 @@ def _nearest_contacts(
     a, b = np.concatenate(body_a), np.concatenate(body_b)
     if np.count_nonzero(gap < _MARGIN) < num_contacts:
         return None
-    nearest = np.lexsort((b, a, gap))[:num_contacts]
+    # What stands on the ground or leans on a wall touches without overlap: before the pairs, or they would come last.
+    carried = (a == WORLD) & (gap <= 1e-9)
+    nearest = np.lexsort((b, a, gap, ~carried))[:num_contacts]
     chosen = nearest[np.lexsort((a[nearest], b[nearest]))]
     a, b, normal, gap = a[chosen], b[chosen], normal[chosen], gap[chosen]
     point = centres[b] - (radii[b] + 0.5 * gap)[:, None] * normal
