@@ -211,6 +211,7 @@ class Ladder {
     const double scale = std::max(problem_.reference, std::sqrt(3.0) * w_.best.lpNorm<Eigen::Infinity>());
     return best * scale <= tolerance_ * global_reference_;
   }
+  bool many() const { return problem_.sets.num_sets() > kPatch; }
   bool large() const { return may_repair_ && problem_.sets.num_sets() > kLarge; }
   bool in_patches() const { return may_repair_ && problem_.sets.num_sets() >= kPatches; }
   int proximal_budget() const { return !large() ? kProximal : brief_ ? kKnottedProximal : kLargeProximal; }
@@ -426,7 +427,6 @@ class Ladder {
     BlockSweeps& sweeps = w_.sweeps;
     const double target = guess ? aim_ : tolerance_;
     const auto num_sets = static_cast<double>(problem_.sets.num_sets());
-    const bool many = num_sets > kPatch;
     sweeps.start(problem_, guess);
     double relative = sweeps.relative(problem_), first = relative;  // first: after one sweep
     double last[kFirstSweeps], soon = 0.0;                          // before the last ones; what more would leave
@@ -438,7 +438,7 @@ class Ladder {
       if (count == 1) first = relative;
       if (observe_) observe_(sweeps.impulse(), factorizations);
       if (count < kFirstSweeps) continue;
-      const double more = sweeps.slips() && !many ? kMoreSweeps : kFewSweeps;
+      const double more = sweeps.slips() && !many() ? kMoreSweeps : kFewSweeps;
       soon = relative * std::pow(relative / last[count % kFirstSweeps], more / kFirstSweeps);
     }
     offer(sweeps.impulse(), relative, SolverType::Pgs);
@@ -451,7 +451,7 @@ class Ladder {
     const bool close =
         relative * sweeps.pressing() <= (loose ? kNear : kNearer) && relative <= (loose ? kStuck : 1.0) * first;
     if (!guess && !close) return sweeps.mostly_sticks() && newton_from_stick(target);
-    if (!sweeps.slips() && !many && newton_from_sweeps(target)) return true;
+    if (!sweeps.slips() && !many() && newton_from_sweeps(target)) return true;
     const int rounds = loose ? 2 : 1;
     for (int round = 0; round < rounds && !out_of_budget(); ++round) {
       for (int k = 0; round > 0 && k < kSweepsBetween; ++k, ++iterations) sweeps.sweep(problem_);
@@ -464,12 +464,13 @@ class Ladder {
   /// and a few sweeps find them.
   bool sweep_and_go_on(const GrowVector& guess) {
     BlockSweeps& sweeps = w_.sweeps;
-    bool far = problem_.system->cheap_columns() && problem_.sets.num_sets() <= kPatch;
+    bool far = problem_.system->cheap_columns();
     if (far) {
       sweeps.start(problem_, &guess);
       far = sweeps.relative(problem_) > kFarOff;
     }
     if (!far) return proximal_newton(guess, kWarmProximal);
+    if (many()) return sweep(nullptr);
     for (int k = 0; k < kWarmSweeps; ++k, ++iterations) sweeps.sweep(problem_);
     if (newton_from_sweeps(aim_) || proximal_newton(sweeps.impulse(), kSweptWarmProximal)) return true;
     if (best < kGoodStart) has_near_ = true, w_.near = w_.best;
