@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import operator
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, SupportsIndex, cast, overload
+from typing import Any, Literal, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -127,6 +128,7 @@ class Contact:
 class ContactList(Sequence[Contact]):
     """Contact points of a step: a sequence of Contact, and columns over all n of them, which are far faster to read.
 
+    A slice, mask or array of indices selects a ContactList: contacts[contacts.mode == "slide"].force.
     geometries: (n, 2), of a and b, indices into world.geometries. mode: (n), "open", "stick" or "slide".
     position, normal, force, force_local, moment_local, velocity: (n, 3); frame: (n, 3, 3); distance, id: (n); each as
     Contact has it.
@@ -161,13 +163,15 @@ class ContactList(Sequence[Contact]):
         return len(self.id)
 
     @overload
-    def __getitem__(self, k: SupportsIndex) -> Contact: ...
+    def __getitem__(self, k: int | np.integer[Any]) -> Contact: ...
     @overload
-    def __getitem__(self, k: slice) -> list[Contact]: ...
-    def __getitem__(self, k: SupportsIndex | slice) -> Contact | list[Contact]:
-        if isinstance(k, slice):
-            return [self[i] for i in range(*k.indices(len(self)))]
-        i = operator.index(k)
+    def __getitem__(self, k: slice | list[Any] | NDArray[Any]) -> ContactList: ...
+    def __getitem__(self, k: int | np.integer[Any] | slice | list[Any] | NDArray[Any]) -> Contact | ContactList:
+        if isinstance(k, (slice, list, np.ndarray)):
+            rows = np.arange(len(self))[k]
+            if rows.ndim == 1:
+                return self._selected(rows)
+        i = operator.index(k)  # type: ignore[arg-type]
         (body_a, geometry_a), (body_b, geometry_b) = (self._names[g] for g in self.geometries[i])
         # Copies: a contact that somebody keeps must not keep the arrays of all of them.
         frame, force = self.frame[i].copy(), self.force_local[i].copy()
@@ -187,6 +191,13 @@ class ContactList(Sequence[Contact]):
             velocity=self.velocity[i].copy(),
             id=int(self.id[i]),
         )
+
+    def _selected(self, rows: NDArray[Any]) -> ContactList:
+        selected = copy.copy(self)
+        for name, column in vars(self).items():
+            if name != "_names":
+                setattr(selected, name, column[rows])
+        return selected
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{np.count_nonzero(self.mode == mode)} {mode}" for mode in _MODES)

@@ -218,9 +218,33 @@ def test_columns_of_contacts_say_the_same_as_the_items():
     assert contacts[-1].id == contacts.id[-1]
     with pytest.raises(IndexError):
         contacts[len(contacts)]
+    assert contacts[np.array(1)].id == contacts[np.int32(1)].id == contacts.id[1]
     held = contacts.position.copy()
     simulator.run(20)
     assert np.array_equal(contacts.position, held)  # of its own
+
+
+def test_masks_slices_and_indices_select_contacts(tumble):
+    simulator = Simulator(tumble)
+    simulator.run(300)
+    contacts = simulator.contacts
+    n = len(contacts)
+    assert n > 2
+    up = contacts.normal[:, 2] > 0.5
+    for key in (slice(1, None), slice(None, None, -2), up, ~up, up.tolist(), np.array([n - 1, 0, 0]), [-1], []):
+        chosen, rows = contacts[key], np.arange(n)[key]
+        assert [one.id for one in chosen] == [contacts[int(k)].id for k in rows]
+        assert np.array_equal(chosen.mode, contacts.mode[rows])
+        for name in ("geometries", "id", "distance", "position", "normal", "frame", "force", "velocity"):
+            assert np.array_equal(getattr(chosen, name), getattr(contacts, name)[rows]), name
+            assert not np.shares_memory(getattr(chosen, name), getattr(contacts, name)), name
+        assert len(pickle.loads(pickle.dumps(chosen))) == len(rows)
+    for wrong in (np.zeros(n + 1, bool), [n], np.array([0.5])):
+        with pytest.raises(IndexError):
+            contacts[wrong]
+    for wrong in (np.zeros((1, 1), int), (0, 1), 0.5):
+        with pytest.raises(TypeError):
+            contacts[wrong]
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda contacts: pickle.loads(pickle.dumps(contacts))])
