@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 #include <string>
 
 #include "require.hpp"
@@ -81,12 +80,10 @@ void ConstraintSets::add_half_line() {
 }
 
 void ConstraintSets::add_interval(double lower, double upper) {
-  if (!(lower <= upper) || lower > 1e100 || upper < -1e100) {
-    std::ostringstream message;
-    message << "is the interval [" << lower << ", " << upper
-            << "], must have lower <= upper and hold an impulse within +-1e100";
-    throw InvalidInput("constraints[" + std::to_string(num_sets()) + "]", message.str());
-  }
+  if (!(lower <= upper) || lower > 1e100 || upper < -1e100)
+    throw InvalidInput("constraints[" + std::to_string(num_sets()) + "]",
+                       "is the interval [" + in_full(lower) + ", " + in_full(upper) +
+                           "], must have lower <= upper and hold an impulse within +-1e100");
   ConstraintSet set;
   set.type = SetType::Interval;
   set.lower = lower;
