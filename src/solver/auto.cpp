@@ -480,14 +480,16 @@ class Ladder {
   /// where A does not list its columns.
   bool sweep_patches() {
     PatchResult result;
-    if (!w_.patches.solve(problem_, tolerance_, w_.sweeps.impulse(), result)) return false;
+    const int left = max_factorizations_ - factorizations;
+    if (!w_.patches.solve(problem_, tolerance_, left, w_.sweeps.impulse(), result)) return false;
     iterations += static_cast<int>(std::ceil(result.sweeps));
     factorizations += static_cast<int>(std::ceil(result.factorizations));
     if (observe_) observe_(w_.patches.impulse(), factorizations);
     offer(w_.patches.impulse(), result.relative, SolverType::Pgs);
     has_near_ = true, w_.near = w_.patches.impulse();
     knotted_ = result.knotted;
-    if (!done() && !knotted_) proximal_newton(w_.near, kLargeProximal);
+    if (!done() && !knotted_ && !out_of_budget())
+      proximal_newton(w_.near, std::min(kLargeProximal, max_factorizations_ - factorizations));
     return true;
   }
 

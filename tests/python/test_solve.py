@@ -7,7 +7,7 @@ import scipy.sparse as sp
 from reference import planted_problem, relative_residual
 
 import signorini
-from signorini import ContactProblem, Equality, FrictionCone, HalfLine, Interval, _core
+from signorini import ContactProblem, Equality, FrictionCone, HalfLine, Interval, _core, scenes
 
 SOLVERS = ["auto", "admm", "pgs", "interior-point", "newton"]
 SURE = ["auto", "admm", "pgs", "interior-point"]  # on problems as easy as these, from nothing
@@ -270,6 +270,17 @@ def test_out_of_iterations_is_a_status_with_the_best_impulse():
     assert not s.solved
     assert s.iterations == 3
     assert s.residual == signorini.residual(problem, s.impulse)
+
+
+def test_a_limit_of_auto_holds_for_patches_too():
+    problem = scenes.pile(1000)
+    assert signorini.solve(problem, tolerance=1e-8).factorizations > 50  # else there is nothing to limit
+    for limit in (1, 7, 20):
+        s = signorini.solve(problem, tolerance=1e-8, max_iterations=limit)
+        assert s.status == "max iterations"
+        assert s.factorizations == limit
+        assert s.residual == signorini.residual(problem, s.impulse)
+        assert s.residual.relative < 0.1  # the best seen
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
