@@ -4,12 +4,13 @@
 #include <cmath>
 #include <string>
 
+#include "length.hpp"
 #include "require.hpp"
 
 namespace signorini {
 
 void project_friction_cone(double friction, const double* x, double* out) {
-  const double t = std::sqrt(x[0] * x[0] + x[1] * x[1]), n = x[2];
+  const double t = length(x[0], x[1]), n = x[2];
   if (friction * t <= -n) {  // the polar cone; first, since it is the right answer on the ray friction = 0 too
     out[0] = out[1] = out[2] = 0.0;
   } else if (t <= friction * n) {

@@ -217,6 +217,26 @@ def test_units_do_not_matter(factor):
     np.testing.assert_allclose(scaled.velocity, plain.velocity, atol=1e-7)
 
 
+@pytest.mark.parametrize("solver", [*SOLVERS, "lcp-pgs", "bisection"])
+@pytest.mark.parametrize("factor", [1e-100, 1e-160, 1e-200, 1e-300])
+def test_velocities_whose_squares_are_no_numbers(solver, factor):
+    mass, j, g, mu, _ = planted_problem(12)
+    for problem in (block(0.4), ContactProblem.from_mass(mass, j, g, mu)):
+        small = ContactProblem(problem.delassus, factor * problem.free_velocity, problem.friction)
+        plain, s = (signorini.solve(one, solver) for one in (problem, small))
+        assert np.isfinite(s.impulse).all()
+        # What is left, measured where it is no smaller than numbers can be.
+        left = relative_residual(
+            problem.delassus.toarray(), problem.free_velocity, problem.friction, s.impulse / factor
+        )
+        assert s.residual.relative == pytest.approx(left, rel=1e-3, abs=1e-12)
+        assert s.residual == signorini.residual(small, s.impulse)
+        if factor >= 1e-200 or solver != "interior-point":  # which cannot begin there, and says so
+            assert s.solved == plain.solved
+    outside = signorini.residual(block(0.4 * factor, weight=factor), factor * np.array([1.0, 0.0, 0.5]))
+    assert outside.primal == pytest.approx(factor * 0.75 / np.sqrt(1.25), rel=1e-9, abs=0.0)
+
+
 def test_a_guess_that_dwarfs_the_free_velocity_does_no_harm():
     for seed in range(60, 70):
         rng = np.random.default_rng(seed)
