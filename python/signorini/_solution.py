@@ -61,7 +61,7 @@ class Solution:
 
     status: "solved" (residual.solves(tolerance); said of nothing else), "max iterations", "stalled" (the impulse is
         then the best seen; so ends also a model other than the law when it is solved), "infeasible" ("auto" only: the
-        impulse points along a ray which proves that there is no solution, or none below 1e8 times the free velocity:
+        impulse points along a ray which proves that there is no solution, or none below 1e12 times the free velocity:
         docs/theory.md, T49) or "invalid" (no finite impulse was found, it is zero)
     solver: the method that produced the answer
     impulse: [N s], (n,)

@@ -375,6 +375,19 @@ def test_auto_says_infeasible(law):
         assert problem.free_velocity @ ray <= -0.5 * ray.max()
 
 
+@pytest.mark.parametrize("lever", [1e-10, 1e-11, 1e-12])
+def test_auto_does_not_say_infeasible_where_a_tiny_lever_holds(lever):
+    """A body between two walls that close in, which can turn: each wall pushes with 1 / (2 lever)."""
+    j = np.array([[1.0, np.sqrt(lever)], [-1.0, np.sqrt(lever)]])
+    solution = np.full(2, 0.5 / lever)
+    for problem in (
+        ContactProblem(j @ j.T, [-1.0, -1], constraints=[HalfLine(), HalfLine()]),
+        ContactProblem.from_mass(np.eye(2), j, [-1.0, -1], constraints=[HalfLine(), HalfLine()]),
+    ):
+        assert signorini.residual(problem, solution).solves(1e-6)
+        assert signorini.solve(problem).status in ("solved", "stalled")
+
+
 def test_impulses_stay_small_where_a_solution_of_large_friction_exists(data):
     file = data / "chain" / "Chain-i00635-24.hdf5"
     if not file.exists():
