@@ -42,7 +42,8 @@ class Residual:
 
     @classmethod
     def _from_core(cls, r: _core.Residual) -> Residual:
-        return cls(**{each.name: getattr(r, each.name) for each in fields(cls)})
+        # One by one: a loop over fields() would take longer than a small solve.
+        return cls(r.primal, r.dual, r.complementarity, r.relative, r.against_free_velocity, r.signorini, r.dissipation)
 
 
 HISTORY_TYPE = np.dtype(
@@ -99,11 +100,13 @@ class Solution:
         )
 
     @classmethod
-    def _from_core(cls, s: _core.Solution) -> Solution:
-        rows = s.history
-        history = np.zeros(len(rows), HISTORY_TYPE)
-        for i, name in enumerate(HISTORY_TYPE.names or ()):
-            history[name] = rows[:, i]
+    def _from_core(cls, s: _core.Solution, recorded: bool) -> Solution:
+        history = _no_history()
+        if recorded:
+            rows = s.history
+            history = np.zeros(len(rows), HISTORY_TYPE)
+            for i, name in enumerate(HISTORY_TYPE.names or ()):
+                history[name] = rows[:, i]
         return cls(
             status=s.status.name,
             solver=s.solver.name,

@@ -229,3 +229,17 @@ def test_a_value_just_outside_is_not_said_to_be_the_limit():
     for name, value in (("tolerance", 1.0 + 1e-9), ("over_relaxation", 2.0 + 1e-9), ("linear_factor", 1.0 - 1e-9)):
         with pytest.raises(InvalidInputError, match=rf"^{name}: is {value!r}, must be "):
             signorini.solve(build(), **{name: value})
+
+
+@pytest.mark.parametrize(
+    ("field", "right", "wrong"),
+    [("max_iterations", 1, True), ("facets", 4, 4.0), ("anderson_memory", 0, False), ("penalty", 1.0, True)],
+)
+def test_arguments_seen_before_do_not_let_pass_what_equals_them(field, right, wrong):
+    for _ in range(2):
+        signorini.solve(build(), **{field: right})
+        with pytest.raises(InvalidInputError, match=rf"^{field}: is {wrong!r}, must be "):
+            signorini.solve(build(), **{field: wrong})
+    for unhashable in ([right], {}, np.ones(2)):
+        with pytest.raises(InvalidInputError, match=rf"^{field}: is "):
+            signorini.solve(build(), **{field: unhashable})
