@@ -155,13 +155,13 @@ def test_missing_file_empty_folder_and_no_argument(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (["solve", ""], "FILES..."),
-        (["solve", "a.hdf5", "", "b.hdf5"], "FILES..."),
+        (["solve", ""], "FILES"),
+        (["solve", "a.hdf5", "", "b.hdf5"], "FILES"),
         (["solve", "a.hdf5", "--json", ""], "--json"),
         (["run", ""], "SCENE|FILE"),
         (["run", "cube-stack", "--hardest="], "--hardest"),
         (["check", "robot.urdf", "--package-dir", "", "--package-dir", "a"], "--package-dir"),
-        (["replay", ""], "FILE"),
+        (["replay", ""], "RECORDING"),
         (["view", "a.h5", "--html", ""], "--html"),
         (["video", "a.h5", ""], "FILE.mp4"),
         (["experiment", "scenes", "--output", ""], "--output"),
