@@ -38,6 +38,7 @@ class Residual:
         return self.relative <= tolerance and self.against_free_velocity <= _core.Residual.largest_share(tolerance)
 
     def to_dict(self) -> dict[str, float]:
+        """The fields by name."""
         return asdict(self)
 
     @classmethod
@@ -91,6 +92,7 @@ class Solution:
 
     @property
     def solved(self) -> bool:
+        """Whether the certificate holds at the tolerance asked for."""
         return self.status == "solved"
 
     def __repr__(self) -> str:
