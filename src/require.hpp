@@ -1,6 +1,8 @@
 #pragma once
 
 #include <cmath>
+#include <cstdlib>
+#include <limits>
 #include <sstream>
 #include <string>
 
@@ -9,12 +11,23 @@
 
 namespace signorini {
 
+/// A number in as many digits as tell it from its neighbours, six or more.
+inline std::string in_full(double value) {
+  std::string text;
+  for (int digits = 6; digits <= std::numeric_limits<double>::max_digits10; ++digits) {
+    std::ostringstream out;
+    out.precision(digits);
+    out << value;
+    text = out.str();
+    if (std::strtod(text.c_str(), nullptr) == value) break;
+  }
+  return text;
+}
+
 /// Raises InvalidInput "<field>: is <value>, must be <range>" unless allowed.
-inline void require(bool allowed, const std::string& field, double value, const char* range) {
-  if (allowed) return;
-  std::ostringstream message;
-  message << "is " << value << ", must be " << range;
-  throw InvalidInput(field, message.str());
+template <typename Field>
+void require(bool allowed, const Field& field, double value, const char* range) {
+  if (!allowed) throw InvalidInput(field, "is " + in_full(value) + ", must be " + range);
 }
 
 /// Whether the sum of all |values| is at most 1e100: then each of them is a number, and as small.

@@ -39,6 +39,7 @@ class InverseSolution:
 
     @property
     def solved(self) -> bool:
+        """Whether the motion is possible, to the tolerance asked for."""
         return self.status == "solved"
 
     def __repr__(self) -> str:

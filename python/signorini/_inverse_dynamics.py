@@ -53,6 +53,7 @@ class InverseDynamicsResult:
 
     @property
     def solved(self) -> bool:
+        """Whether the motion is possible, to the tolerance asked for."""
         return self.status == "solved"
 
     def __repr__(self) -> str:

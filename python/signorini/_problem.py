@@ -191,6 +191,7 @@ class ContactProblem:
 
     @property
     def name(self) -> str:
+        """Shown in tables."""
         return self._name
 
     @property

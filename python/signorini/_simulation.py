@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import operator
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, SupportsIndex, cast, overload
+from typing import Any, Literal, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +17,7 @@ from signorini._core import InvalidInputError
 from signorini._problem import Constraint, ContactProblem, Equality, FrictionCone, HalfLine, Interval
 from signorini._solution import Residual
 from signorini._solve import LawName, SolverName
-from signorini._world import WORLD, Array, World
+from signorini._world import WORLD, Array, World, _numbers
 
 OnUnsolved = Literal["continue", "warn", "raise"]
 ContactModeName = Literal["open", "stick", "slide"]
@@ -69,13 +70,11 @@ class SimulatorSettings:
         for key in (
             "time_step", "tolerance", "baumgarte", "max_correction_speed", "restitution_threshold", "impedance",
         ):  # fmt: skip
-            value = getattr(self, key)
-            if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
-                raise InvalidInputError(f"{key}: is {value!r}, must be a number")
-            setattr(core, key, float(value))
-        core.contact_margin = -1.0 if self.contact_margin is None else float(self.contact_margin)
-        if self.contact_margin is not None and not self.contact_margin >= 0.0:
+            setattr(core, key, _arrays.number(key, getattr(self, key)))
+        margin = -1.0 if self.contact_margin is None else _arrays.number("contact_margin", self.contact_margin)
+        if self.contact_margin is not None and not margin >= 0.0:
             raise InvalidInputError(f"contact_margin: is {self.contact_margin!r}, must be in [0, 1] m, or None")
+        core.contact_margin = margin
         if self.law not in ("ncp", "ccp"):
             raise InvalidInputError(f"law: is {self.law!r}, must be 'ncp' or 'ccp'")
         core.law = _core.Law.__members__[self.law]
@@ -84,9 +83,7 @@ class SimulatorSettings:
             raise InvalidInputError(f"solver: is {self.solver!r}, must be one of {', '.join(map(repr, solvers))}")
         core.solver = solvers[self.solver]
         if self.max_iterations is not None:
-            if not self.max_iterations >= 1:
-                raise InvalidInputError(f"max_iterations: is {self.max_iterations!r}, must be at least 1, or None")
-            core.max_iterations = int(self.max_iterations)
+            core.max_iterations = _arrays.count("max_iterations", self.max_iterations, 1)
         core.facets = _arrays.count("facets", self.facets)
         if self.on_unsolved not in ("continue", "warn", "raise"):
             raise InvalidInputError(f"on_unsolved: is {self.on_unsolved!r}, must be 'continue', 'warn' or 'raise'")
@@ -127,6 +124,7 @@ class Contact:
 class ContactList(Sequence[Contact]):
     """Contact points of a step: a sequence of Contact, and columns over all n of them, which are far faster to read.
 
+    A slice, mask or array of indices selects a ContactList: contacts[contacts.mode == "slide"].force.
     geometries: (n, 2), of a and b, indices into world.geometries. mode: (n), "open", "stick" or "slide".
     position, normal, force, force_local, moment_local, velocity: (n, 3); frame: (n, 3, 3); distance, id: (n); each as
     Contact has it.
@@ -161,13 +159,15 @@ class ContactList(Sequence[Contact]):
         return len(self.id)
 
     @overload
-    def __getitem__(self, k: SupportsIndex) -> Contact: ...
+    def __getitem__(self, k: int | np.integer[Any]) -> Contact: ...
     @overload
-    def __getitem__(self, k: slice) -> list[Contact]: ...
-    def __getitem__(self, k: SupportsIndex | slice) -> Contact | list[Contact]:
-        if isinstance(k, slice):
-            return [self[i] for i in range(*k.indices(len(self)))]
-        i = operator.index(k)
+    def __getitem__(self, k: slice | list[Any] | NDArray[Any]) -> ContactList: ...
+    def __getitem__(self, k: int | np.integer[Any] | slice | list[Any] | NDArray[Any]) -> Contact | ContactList:
+        if isinstance(k, (slice, list, np.ndarray)):
+            rows = np.arange(len(self))[k]
+            if rows.ndim == 1:
+                return self._selected(rows)
+        i = operator.index(k)  # type: ignore[arg-type]
         (body_a, geometry_a), (body_b, geometry_b) = (self._names[g] for g in self.geometries[i])
         # Copies: a contact that somebody keeps must not keep the arrays of all of them.
         frame, force = self.frame[i].copy(), self.force_local[i].copy()
@@ -188,6 +188,13 @@ class ContactList(Sequence[Contact]):
             id=int(self.id[i]),
         )
 
+    def _selected(self, rows: NDArray[Any]) -> ContactList:
+        selected = copy.copy(self)
+        for name, column in vars(self).items():
+            if name != "_names":
+                setattr(selected, name, column[rows])
+        return selected
+
     def __repr__(self) -> str:
         counts = ", ".join(f"{np.count_nonzero(self.mode == mode)} {mode}" for mode in _MODES)
         return f"ContactList({len(self)} contacts: {counts})"
@@ -195,7 +202,7 @@ class ContactList(Sequence[Contact]):
 
 @dataclass(frozen=True)
 class StepReport:
-    """What the last step did, and counts since the simulator was made.
+    """What the last step did, and counts since the simulator was made or reset.
 
     status: "solved" when the certificate holds at the tolerance. residual: that certificate. solver: what found
     the answer. deepest_overlap: at the start of the step [m]. steps, unsolved: counts.
@@ -270,11 +277,11 @@ class State:
 
     @time.setter
     def time(self, value: float) -> None:
-        self._core.time = float(value)
+        self._core.time = _arrays.number("time", value)
 
 
 def _fill(field: str, target: Array, value: ArrayLike) -> None:
-    array = np.asarray(value, dtype=np.float64)
+    array = _numbers(value, field)
     if array.shape not in (target.shape, ()):
         raise InvalidInputError(f"{field}: has shape {array.shape}, must be {target.shape}")
     target[:] = array
@@ -364,7 +371,7 @@ class Simulator:
         _fill("applied_force", self._applied_force, value)
 
     def set_external_wrench(self, body: str, force: ArrayLike = (0, 0, 0), moment: ArrayLike = (0, 0, 0)) -> None:
-        """Force [N] at a body's origin and moment [N m], world axes, kept until set again."""
+        """force [N] at a body's origin and moment [N m], (3,) each, world axes, kept until set again."""
         if body == WORLD:
             raise InvalidInputError('body: is "world", which does not move')
         row = self._external_wrench[self.world.body_index(body)]
@@ -372,8 +379,11 @@ class Simulator:
         _fill("moment", row[3:], moment)
 
     def step(self, num_steps: int = 1) -> None:
-        """Makes time steps. Raises InvalidInputError when state, control or a force is not finite, leaving the state;
-        UnsolvedStepError as settings.on_unsolved says."""
+        """Makes num_steps time steps.
+
+        Raises InvalidInputError when state, control or a force is not finite, leaving the state; UnsolvedStepError as
+        settings.on_unsolved says.
+        """
         count = _arrays.count("num_steps", num_steps, 0)
         at_once = _BLOCK if self.settings.on_unsolved == "continue" else 1
         for done in range(0, count, at_once):
@@ -392,13 +402,14 @@ class Simulator:
         """The same in one go, keeping what each step reported.
 
         controls: num_steps x num_controls, or None. controller: instead, called before every step to set `control`.
+        keep_states: fill Trace.states. Raises as step() does, and for controls of another shape.
         """
         count = _arrays.count("num_steps", num_steps, 0)
         if controller is not None:
             if controls is not None:
                 raise InvalidInputError("controls: are given, must be None where there is a controller")
             return self._run_controlled(count, controller, keep_states)
-        given = np.zeros((0, 0)) if controls is None else np.asarray(controls, dtype=np.float64)
+        given = np.zeros((0, 0)) if controls is None else _numbers(controls, "controls")
         if given.ndim != 2:
             raise InvalidInputError(f"controls: has shape {given.shape}, must be ({num_steps}, {len(self._control)})")
         seconds, relative, penetration = np.empty(count), np.empty(count), np.empty(count)
@@ -446,7 +457,7 @@ class Simulator:
         return ContactList(self.world, self._core.contacts())
 
     def contact_force(self, body_a: str, body_b: str) -> Array:
-        """Total contact force of body a on body b in the last step, world axes [N]."""
+        """Total contact force of body_a on body_b in the last step, world axes [N], (3,)."""
         return np.array(self._core.contact_force(self.world.body_index(body_a), self.world.body_index(body_b)))
 
     @property
@@ -466,6 +477,7 @@ class Simulator:
 
     @property
     def report(self) -> StepReport:
+        """Of the last step, and counts."""
         r = self._core.report
         return StepReport(
             status=r.status.name,
@@ -518,7 +530,8 @@ class Simulator:
         return bytes(self._core.save())
 
     def restore(self, saved: bytes) -> None:
-        """Goes on from what save() of an equal simulator returned, bit for bit. Other bytes raise InvalidInputError."""
+        """Goes on from what save() of an equal simulator returned (saved), bit for bit. Other bytes raise
+        InvalidInputError."""
         if not isinstance(saved, bytes):
             raise InvalidInputError(f"saved: is a {type(saved).__name__}, must be bytes from save()")
         self._core.restore(saved)
@@ -550,12 +563,13 @@ def rollout(
     """Steps many simulations of one world on threads of the C++ core; each bit-equal to stepping it alone.
 
     states: where each starts, simulations x (num_q + num_v); activations start at 0. controls: simulations x steps x
-    num_controls or None (then num_steps says how many). threads: 0 for as many as the machine has. A simulation that
-    leaves the range of finite numbers fills the rest of its states with NaN and counts as unsolved.
+    num_controls or None (then num_steps says how many). threads: 0 for as many as the machine has. settings: of all;
+    None: the defaults. A simulation that leaves the range of finite numbers fills the rest of its states with NaN and
+    counts as unsolved.
 
     Raises InvalidInputError naming the field, its value and what is allowed.
     """
-    start = np.ascontiguousarray(states, dtype=np.float64)
+    start = np.ascontiguousarray(_numbers(states, "states"))
     width = world.num_q + world.num_v
     if start.ndim != 2 or start.shape[1] != width:
         raise InvalidInputError(f"states: has shape {start.shape}, must be (simulations, {width})")
@@ -563,9 +577,9 @@ def rollout(
         given = np.zeros((0, 0, 0))
         if num_steps is None:
             raise InvalidInputError("num_steps: is missing, must be given where there are no controls")
-        steps = int(num_steps)
+        steps = _arrays.count("num_steps", num_steps, 0)
     else:
-        given = np.ascontiguousarray(controls, dtype=np.float64)
+        given = np.ascontiguousarray(_numbers(controls, "controls"))
         if given.ndim != 3 or given.shape[0] != start.shape[0] or given.shape[2] != world.num_controls:
             raise InvalidInputError(
                 f"controls: has shape {given.shape}, must be ({start.shape[0]}, steps, {world.num_controls})"
@@ -574,6 +588,11 @@ def rollout(
         if num_steps not in (None, steps):
             raise InvalidInputError(f"num_steps: is {num_steps}, must be the {steps} of the controls, or None")
     out, unsolved = _simulator.rollout(
-        world._core, (settings or SimulatorSettings())._to_core(), start, given, steps, int(threads)
+        world._core,
+        (settings or SimulatorSettings())._to_core(),
+        start,
+        given,
+        steps,
+        _arrays.count("threads", threads),
     )
     return Rollout(out, unsolved)

@@ -38,11 +38,13 @@ class Residual:
         return self.relative <= tolerance and self.against_free_velocity <= _core.Residual.largest_share(tolerance)
 
     def to_dict(self) -> dict[str, float]:
+        """The fields by name."""
         return asdict(self)
 
     @classmethod
     def _from_core(cls, r: _core.Residual) -> Residual:
-        return cls(**{each.name: getattr(r, each.name) for each in fields(cls)})
+        # One by one: a loop over fields() would take longer than a small solve.
+        return cls(r.primal, r.dual, r.complementarity, r.relative, r.against_free_velocity, r.signorini, r.dissipation)
 
 
 HISTORY_TYPE = np.dtype(
@@ -61,7 +63,7 @@ class Solution:
 
     status: "solved" (residual.solves(tolerance); said of nothing else), "max iterations", "stalled" (the impulse is
         then the best seen; so ends also a model other than the law when it is solved), "infeasible" ("auto" only: the
-        impulse points along a ray which proves that there is no solution, or none below 1e8 times the free velocity:
+        impulse points along a ray which proves that there is no solution, or none below 1e12 times the free velocity:
         docs/theory.md, T49) or "invalid" (no finite impulse was found, it is zero)
     solver: the method that produced the answer
     impulse: [N s], (n,)
@@ -90,6 +92,7 @@ class Solution:
 
     @property
     def solved(self) -> bool:
+        """Whether the certificate holds at the tolerance asked for."""
         return self.status == "solved"
 
     def __repr__(self) -> str:
@@ -99,11 +102,13 @@ class Solution:
         )
 
     @classmethod
-    def _from_core(cls, s: _core.Solution) -> Solution:
-        rows = s.history
-        history = np.zeros(len(rows), HISTORY_TYPE)
-        for i, name in enumerate(HISTORY_TYPE.names or ()):
-            history[name] = rows[:, i]
+    def _from_core(cls, s: _core.Solution, recorded: bool) -> Solution:
+        history = _no_history()
+        if recorded:
+            rows = s.history
+            history = np.zeros(len(rows), HISTORY_TYPE)
+            for i, name in enumerate(HISTORY_TYPE.names or ()):
+                history[name] = rows[:, i]
         return cls(
             status=s.status.name,
             solver=s.solver.name,

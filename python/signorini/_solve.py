@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, Literal, TypeVar
 
 import numpy.typing as npt
@@ -94,6 +95,33 @@ def solve(
     Raises InvalidInputError on bad arguments. A solve that fails raises nothing: look at Solution.status.
     """
     core = check_problem(problem)._core
+    arguments = (
+        solver, law, tolerance, max_iterations, aim, record_history, penalty_rule, penalty, proximal_weight,
+        spectral_exponent, spectral_increment, linear_factor, ratio, scaling, anderson_memory, paper_tolerance,
+        over_relaxation, facets, impedance, least_relaxation, relaxation_decay,
+    )  # fmt: skip
+    try:
+        settings = _known_settings(*arguments)
+    except TypeError:  # one is not hashable, and will be refused
+        settings = _settings(*arguments)
+
+    if workspace is not None and not isinstance(workspace, Workspace):
+        raise InvalidInputError(f"workspace: is a {type(workspace).__name__}, must be a signorini.Workspace")
+    start = None
+    if isinstance(guess, Solution):
+        start = _core.Guess(_arrays.vector("guess", guess.impulse, problem.size), guess.penalty)
+    elif guess is not None:
+        start = _core.Guess(_arrays.vector("guess", guess, problem.size), 0.0)
+    return Solution._from_core(_core.solve(core, settings, workspace, start), settings.record_history)
+
+
+def _settings(*arguments: Any) -> _core.Settings:
+    """Of solve(), checked but for their ranges."""
+    (
+        solver, law, tolerance, max_iterations, aim, record_history, penalty_rule, penalty, proximal_weight,
+        spectral_exponent, spectral_increment, linear_factor, ratio, scaling, anderson_memory, paper_tolerance,
+        over_relaxation, facets, impedance, least_relaxation, relaxation_decay,
+    ) = arguments  # fmt: skip
     settings = _core.Settings()
     settings.solver = _choice("solver", solver, _core.SolverType)
     settings.law = _choice("law", law, _core.Law)
@@ -122,15 +150,11 @@ def solve(
     settings.convex.impedance = _arrays.number("impedance", impedance)
     settings.bisection.least_relaxation = _arrays.number("least_relaxation", least_relaxation)
     settings.bisection.relaxation_decay = _arrays.number("relaxation_decay", relaxation_decay)
+    return settings
 
-    if workspace is not None and not isinstance(workspace, Workspace):
-        raise InvalidInputError(f"workspace: is a {type(workspace).__name__}, must be a signorini.Workspace")
-    start = None
-    if isinstance(guess, Solution):
-        start = _core.Guess(_arrays.vector("guess", guess.impulse, problem.size), guess.penalty)
-    elif guess is not None:
-        start = _core.Guess(_arrays.vector("guess", guess, problem.size), 0.0)
-    return Solution._from_core(_core.solve(core, settings, workspace, start))
+
+# Checking and copying them takes longer than a small solve, and loops repeat them. Nobody writes to settings.
+_known_settings = lru_cache(maxsize=64, typed=True)(_settings)
 
 
 def residual(problem: ContactProblem, impulse: npt.ArrayLike, law: LawName = "ncp") -> Residual:

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from signorini import _simulator
+from signorini import _arrays, _simulator
 from signorini._core import InvalidInputError
 from signorini._visual import Color, MeshFile, TriangleMesh, Visual
 
@@ -117,7 +117,9 @@ class Joint:
     Values (q, v): free 7, 6 (position, quaternion x y z w; linear and angular velocity in the body frame); ball 4, 3;
     revolute and prismatic 1, 1. `reference`: the value at which the body has its placement. Units follow the joint: rad
     and N m, or m and N. lower, upper: limits; of a ball joint upper alone, the largest angle from where its body was
-    placed. limit_stiffness, limit_damping: of the limits; infinite: rigid.
+    placed. limit_stiffness, limit_damping: of the limits; infinite: rigid. armature: inertia of the drive, added to the
+    rest [kg m^2, kg]. damping: viscous [N m s/rad, N s/m]. friction: dry, the largest force [N m, N].
+    stiffness: of a spring that rests at spring_reference.
     """
 
     name: str
@@ -144,8 +146,15 @@ def suggest(field: str, name: str, known: Iterable[str]) -> InvalidInputError:
     return InvalidInputError(f"{field}: there is no {name!r}" + (f"; did you mean {some}?" if near else ""))
 
 
+def _numbers(value: ArrayLike, field: str) -> Array:
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (ValueError, TypeError):
+        raise InvalidInputError(f"{field}: is {value!r}, must be an array of numbers") from None
+
+
 def _vector(value: ArrayLike, size: int, field: str) -> Array:
-    array = np.asarray(value, dtype=np.float64)
+    array = _numbers(value, field)
     if array.shape != (size,):
         raise InvalidInputError(f"{field}: has shape {array.shape}, must have {size} values")
     return array
@@ -153,7 +162,7 @@ def _vector(value: ArrayLike, size: int, field: str) -> Array:
 
 def _rotation(value: ArrayLike, field: str) -> Array:
     """3 x 3, from a matrix or a quaternion (x, y, z, w)."""
-    array = np.asarray(value, dtype=np.float64)
+    array = _numbers(value, field)
     if array.shape == (3, 3):
         return array
     if array.shape != (4,):
@@ -183,50 +192,49 @@ def _core_material(material: Material) -> Any:
         raise InvalidInputError(f"material: is a {type(material).__name__}, must be a signorini.Material")
     core = _simulator.Material()
     for key in ("friction", "restitution", "stiffness", "damping", "torsion", "rolling"):
-        value = getattr(material, key)
-        if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-            raise InvalidInputError(f"{key}: is {value!r}, must be a number")
-        setattr(core, key, float(value))
+        setattr(core, key, _arrays.number(key, getattr(material, key)))
     if material.friction_mix not in ("geometric", "maximum"):
         raise InvalidInputError(f"friction_mix: is {material.friction_mix!r}, must be 'geometric' or 'maximum'")
     core.friction_mix = getattr(_simulator.FrictionMix, material.friction_mix)
     if isinstance(material.condim, bool) or material.condim not in (None, 1, 3, 4, 6):
         raise InvalidInputError(f"condim: is {material.condim!r}, must be 1, 3, 4, 6 or None")
     core.condim = int(material.condim or 0)
-    if not -(2**31) <= material.priority < 2**31:
-        raise InvalidInputError(f"priority: is {material.priority}, must be within +-2^31")
-    core.priority = int(material.priority)
+    core.priority = _arrays.count("priority", material.priority)
     return core
+
+
+def _radius_and_half_length(shape: Capsule | Cylinder) -> tuple[float, float]:
+    return _arrays.number("radius", shape.radius), _arrays.number("half_length", shape.half_length)
 
 
 def _core_shape(shape: Shape) -> Any:
     make = _simulator.Shape
     match shape:
         case Sphere():
-            return make.sphere(float(shape.radius))
+            return make.sphere(_arrays.number("radius", shape.radius))
         case Box():
             return make.box(_vector(shape.half_extents, 3, "half_extents"))
         case Capsule():
-            return make.capsule(float(shape.radius), float(shape.half_length))
+            return make.capsule(*_radius_and_half_length(shape))
         case Cylinder():
-            return make.cylinder(float(shape.radius), float(shape.half_length))
+            return make.cylinder(*_radius_and_half_length(shape))
         case Ellipsoid():
             return make.ellipsoid(_vector(shape.radii, 3, "radii"))
         case HalfSpace():
             return make.half_space()
         case Convex():
-            vertices = np.ascontiguousarray(shape.vertices, dtype=np.float64)
+            vertices = np.ascontiguousarray(_numbers(shape.vertices, "vertices"))
             triangles = np.ascontiguousarray(shape.triangles, dtype=np.int32)
             for field, array in (("vertices", vertices), ("triangles", triangles)):
                 if array.ndim != 2 or array.shape[1] != 3:
                     raise InvalidInputError(f"{field}: has shape {array.shape}, must be n x 3")
             return make.convex(vertices, triangles)
         case HeightField():
-            heights = np.ascontiguousarray(shape.heights, dtype=np.float64)
+            heights = np.ascontiguousarray(_numbers(shape.heights, "heights"))
             if heights.ndim != 2:
                 raise InvalidInputError(f"heights: has shape {heights.shape}, must be rows x columns")
             half_x, half_y = _vector(shape.half_extents, 2, "half_extents")
-            return make.height_field(heights, half_x, half_y, float(shape.base))
+            return make.height_field(heights, half_x, half_y, _arrays.number("base", shape.base))
     raise InvalidInputError(
         f"shape: is {shape!r}, must be a Sphere, Box, Capsule, Cylinder, Ellipsoid, HalfSpace, Convex, HeightField"
     )
@@ -242,7 +250,7 @@ def _core_joint(joint: Joint) -> Any:
     core.axis = _vector(joint.axis, 3, f"{field}.axis")
     core.anchor = _vector(joint.anchor, 3, f"{field}.anchor")
     for key in _JOINT_NUMBERS:
-        setattr(core, key, float(getattr(joint, key)))
+        setattr(core, key, _arrays.number(f"{field}.{key}", getattr(joint, key)))
     return core
 
 
@@ -278,16 +286,19 @@ class WorldBuilder:
         self._tendon_index: dict[str, int] = {}
 
     def body_index(self, name: str, field: str = "body") -> int:
+        """Index of a body; 0 is the world. An error calls it `field`."""
         if name not in self._body_index:
             raise suggest(field, name, self._body_index)
         return self._body_index[name]
 
     def joint_index(self, name: str, field: str = "joint") -> int:
+        """Index of a joint, in the order they were added. An error calls it `field`."""
         if name not in self._joint_index:
             raise suggest(field, name, self._joint_index)
         return self._joint_index[name]
 
     def tendon_index(self, name: str, field: str = "tendon") -> int:
+        """Index of a tendon, in the order they were added. An error calls it `field`."""
         if name not in self._tendon_index:
             raise suggest(field, name, self._tendon_index)
         return self._tendon_index[name]
@@ -316,13 +327,13 @@ class WorldBuilder:
         body.name = name
         body.parent = self.body_index(parent, f"{field}.parent")
         body.placement = _placement(position, orientation, field)
-        body.mass = float(mass)
+        body.mass = _arrays.number(f"{field}.mass", mass)
         body.center = _vector(center, 3, f"{field}.center")
-        matrix = np.zeros((3, 3)) if inertia is None else np.asarray(inertia, dtype=np.float64)
+        matrix = np.zeros((3, 3)) if inertia is None else _numbers(inertia, f"{field}.inertia")
         if matrix.shape != (3, 3):
             raise InvalidInputError(f"{field}.inertia: has shape {matrix.shape}, must be 3 x 3")
         body.inertia = matrix
-        body.gravity_compensation = float(gravity_compensation)
+        body.gravity_compensation = _arrays.number(f"{field}.gravity_compensation", gravity_compensation)
         body.joints = [_core_joint(joint) for joint in joints]
         self._body_index[name] = self._core.add_body(body)
         for joint in joints:
@@ -341,8 +352,9 @@ class WorldBuilder:
         group: int = 1,
         mask: int = 1,
     ) -> int:
-        """Adds something that collides, at a place in its body; returns its index.
+        """Adds something that collides, at a place in its body (position [m], orientation); returns its index.
 
+        material: None for Material(). name: in contacts and errors; "" for one by index. group, mask: bits.
         Two geometries may touch if (group_a & mask_b) | (group_b & mask_a), they are not on a body (or bodies fixed to
         each other), not on parent and child, and not excluded.
         """
@@ -353,7 +365,8 @@ class WorldBuilder:
         geometry.shape = _core_shape(shape)
         geometry.placement = _placement(position, orientation, field)
         geometry.material = _core_material(material or Material())
-        geometry.group, geometry.mask = int(group), int(mask)
+        geometry.group = _arrays.count(f"{field}.group", group)
+        geometry.mask = _arrays.count(f"{field}.mask", mask)
         return int(self._core.add_geometry(geometry))
 
     def add_visual(
@@ -367,6 +380,7 @@ class WorldBuilder:
     ) -> None:
         """Adds something to look at, without physics; a body without any is drawn as it collides.
 
+        position [m], orientation: in the body.
         color: red, green, blue, opacity in [0, 1]; None: the mesh's own, or as the viewer likes.
         """
         self.body_index(body, "visual.body")
@@ -380,7 +394,7 @@ class WorldBuilder:
         return add_file(self, path, **options)
 
     def add_ground(self, material: Material | None = None, height: float = 0.0, name: str = "ground") -> int:
-        """A half space below z = height [m], fixed to the world."""
+        """Adds a half space below z = height [m], fixed to the world; returns its index. material: None: Material()."""
         return self.add_geometry(WORLD, HalfSpace(), position=(0.0, 0.0, height), material=material, name=name)
 
     def exclude(self, body_a: str, body_b: str) -> None:
@@ -389,7 +403,7 @@ class WorldBuilder:
 
     def exclude_geometries(self, geometry_a: int, geometry_b: int) -> None:
         """These two geometries, by index, never touch."""
-        self._core.exclude_geometries(int(geometry_a), int(geometry_b))
+        self._core.exclude_geometries(_arrays.count("geometry_a", geometry_a), _arrays.count("geometry_b", geometry_b))
 
     def set_pair_material(self, geometry_a: int, geometry_b: int, material: Material) -> None:
         """These two geometries, by index, may touch whatever else was said, with a material of their own.
@@ -397,7 +411,8 @@ class WorldBuilder:
         Only what moves as one never touches itself.
         """
         pair = _simulator.ContactPair()
-        pair.geometry_a, pair.geometry_b = int(geometry_a), int(geometry_b)
+        pair.geometry_a = _arrays.count("geometry_a", geometry_a)
+        pair.geometry_b = _arrays.count("geometry_b", geometry_b)
         pair.material = _core_material(material)
         self._core.add_contact_pair(pair)
 
@@ -417,22 +432,37 @@ class WorldBuilder:
     ) -> None:
         """A string over pulleys on joints: its length is a sum of joint values, each times its coefficient.
 
-        It resists as a joint does: limits, a spring that is slack within spring_range, viscous and dry friction; and
-        actuators and couplings act on it. Units are force times length per length, as the coefficients make them.
+        joints: coefficients by joint. It resists as a joint does: limits of the length (lower, upper; limit_stiffness,
+        limit_damping, infinite: rigid), a spring (stiffness) that is slack within spring_range, viscous (damping) and
+        dry friction; and actuators and couplings act on it. Units are as the coefficients make them: with lengths in m
+        they are N, N/m and N s/m.
         """
+        field = f"tendon {name!r}"
         tendon = _simulator.Tendon()
         tendon.name = name
-        tendon.terms = [(self.joint_index(joint, f"tendon {name!r}"), float(c)) for joint, c in joints.items()]
-        tendon.lower, tendon.upper = float(lower), float(upper)
-        tendon.limit_stiffness, tendon.limit_damping = float(limit_stiffness), float(limit_damping)
-        tendon.stiffness, tendon.damping, tendon.friction = float(stiffness), float(damping), float(friction)
-        tendon.spring_lower, tendon.spring_upper = _vector(spring_range, 2, f"tendon {name!r}.spring_range").tolist()
+        tendon.terms = [
+            (self.joint_index(joint, field), _arrays.number(f"{field}.joints[{joint!r}]", c))
+            for joint, c in joints.items()
+        ]
+        for key, value in (
+            *(
+                ("lower", lower),
+                ("upper", upper),
+                ("limit_stiffness", limit_stiffness),
+                ("limit_damping", limit_damping),
+            ),
+            *(("stiffness", stiffness), ("damping", damping), ("friction", friction)),
+        ):
+            setattr(tendon, key, _arrays.number(f"{field}.{key}", value))
+        tendon.spring_lower, tendon.spring_upper = _vector(spring_range, 2, f"{field}.spring_range").tolist()
         self._tendon_index[name] = self._core.add_tendon(tendon)
 
     def _constraint(self, kind: str, name: str, stiffness: float, damping: float) -> Any:
         constraint = _simulator.EqualityConstraint()
         constraint.type = getattr(_simulator.ConstraintType, kind)
-        constraint.name, constraint.stiffness, constraint.damping = name, float(stiffness), float(damping)
+        constraint.name = name
+        constraint.stiffness = _arrays.number(f"{kind} {name!r}.stiffness", stiffness)
+        constraint.damping = _arrays.number(f"{kind} {name!r}.damping", damping)
         return constraint
 
     def add_connect(
@@ -446,7 +476,10 @@ class WorldBuilder:
         stiffness: float = math.inf,
         damping: float = 0.0,
     ) -> None:
-        """A point of one body [m, in its frame] stays at a point of another; rigid, or a spring [N/m] with damper."""
+        """point_a of one body [m, in its frame] stays at point_b of another: rigid, or a spring with damper.
+
+        stiffness [N/m], infinite: rigid. damping [N s/m].
+        """
         constraint = self._constraint("connect", name, stiffness, damping)
         constraint.body_a, constraint.body_b = self.body_index(body_a, "body_a"), self.body_index(body_b, "body_b")
         constraint.placement_a = _placement(point_a, (0.0, 0.0, 0.0, 1.0), "point_a")
@@ -477,8 +510,9 @@ class WorldBuilder:
         constraint.body_a, constraint.body_b = self.body_index(body_a, "body_a"), self.body_index(body_b, "body_b")
         constraint.placement_a = _placement(position_a, orientation_a, "frame a")
         constraint.placement_b = _placement(position_b, orientation_b, "frame b")
-        constraint.turn_stiffness = float(stiffness if turn_stiffness is None else turn_stiffness)
-        constraint.turn_damping = float(damping if turn_damping is None else turn_damping)
+        turn = {"turn_stiffness": (turn_stiffness, stiffness), "turn_damping": (turn_damping, damping)}
+        for key, (value, same) in turn.items():
+            setattr(constraint, key, _arrays.number(f"weld {name!r}.{key}", same if value is None else value))
         self._core.add_constraint(constraint)
 
     def add_coupling(
@@ -514,8 +548,9 @@ class WorldBuilder:
                 setattr(constraint, f"tendon_{side}", self.tendon_index(value, field))
             else:
                 setattr(constraint, f"joint_{side}", self.joint_index(value, field))
-        constraint.coefficients = [float(c) for c in coefficients]
-        constraint.reference_a, constraint.reference_b = float(driver_reference), float(reference)
+        constraint.coefficients = [_arrays.number("coefficients", c) for c in coefficients]
+        constraint.reference_a = _arrays.number("driver_reference", driver_reference)
+        constraint.reference_b = _arrays.number("reference", reference)
         self._core.add_constraint(constraint)
 
     def add_actuator(
@@ -549,9 +584,10 @@ class WorldBuilder:
         """
         field = f"actuator {name!r}"
         actuator = _simulator.Actuator()
-        actuator.name, actuator.gear = name, float(gear)
+        actuator.name, actuator.gear = name, _arrays.number(f"{field}.gear", gear)
         if joint is not None:
-            actuator.joint, actuator.component = self.joint_index(joint, f"{field}.joint"), int(component)
+            actuator.joint = self.joint_index(joint, f"{field}.joint")
+            actuator.component = _arrays.count(f"{field}.component", component)
         if tendon is not None:
             actuator.tendon = self.tendon_index(tendon, f"{field}.tendon")
         if body is not None:
@@ -562,7 +598,7 @@ class WorldBuilder:
         if activation not in ("none", "integrator", "filter"):
             raise InvalidInputError(f"{field}.activation: is {activation!r}, must be none, integrator or filter")
         actuator.activation = getattr(_simulator.Activation, activation)
-        actuator.time_constant = float(time_constant)
+        actuator.time_constant = _arrays.number(f"{field}.time_constant", time_constant)
         for key, values in (("control", control_range), ("activation", activation_range), ("force", force_range)):
             lower, upper = _vector(values, 2, f"{field}.{key}_range").tolist()
             setattr(actuator, f"{key}_lower", lower)
@@ -579,7 +615,10 @@ class WorldBuilder:
         control_range: Range = _UNBOUNDED,
         force_range: Range = _UNBOUNDED,
     ) -> None:
-        """force = gear * control [N m, N], on one velocity of a joint; force_range bounds it before the gear."""
+        """force = gear * control [N m, N], on one velocity (component) of a joint.
+
+        control_range, force_range: (lower, upper) of the control, and of the force before the gear.
+        """
         self.add_actuator(
             name, joint, component=component, gear=gear, control_range=control_range, force_range=force_range
         )
@@ -595,9 +634,12 @@ class WorldBuilder:
         control_range: Range = _UNBOUNDED,
         force_range: Range = _UNBOUNDED,
     ) -> None:
-        """force = gear * (kp (control - gear q) - kv gear v), implicit in q and v: stable at any gain."""
+        """force = gear * (kp (control - gear q) - kv gear v), implicit in q and v: stable at any gain.
+
+        kp, kv: in [0, 1e12]. The other arguments are those of add_motor.
+        """
         for key, value in (("kp", kp), ("kv", kv)):
-            if not 0.0 <= value <= 1e12:
+            if not 0.0 <= _arrays.number(f"actuator {name!r}.{key}", value) <= 1e12:
                 raise InvalidInputError(f"actuator {name!r}.{key}: is {value}, must be in [0, 1e12]")
         gain, bias = (kp, 0.0, 0.0), (0.0, -kp, -kv)
         self.add_actuator(
@@ -615,8 +657,8 @@ class WorldBuilder:
         control_range: Range = _UNBOUNDED,
         force_range: Range = _UNBOUNDED,
     ) -> None:
-        """force = gear * kv (control - gear v), implicit in v."""
-        if not 0.0 <= kv <= 1e12:
+        """force = gear * kv (control - gear v), implicit in v. kv: in [0, 1e12]; the others are those of add_motor."""
+        if not 0.0 <= _arrays.number(f"actuator {name!r}.kv", kv) <= 1e12:
             raise InvalidInputError(f"actuator {name!r}.kv: is {kv}, must be in [0, 1e12]")
         self.add_actuator(
             name,
@@ -632,8 +674,8 @@ class WorldBuilder:
     def add_pinocchio(self, model: Any, prefix: str = "") -> None:
         """Adds the joints and bodies of a Pinocchio model: a `pin.Model`, or the text that its saveToString() gives.
 
-        Bodies are named after their joints, "<joint> body". Joints: free-flyer, spherical, revolute, prismatic; others
-        raise InvalidInputError. Geometry is not part of a model: see add_geometry.
+        prefix: before all names. Bodies are named after their joints, "<joint> body". Joints: free-flyer, spherical,
+        revolute, prismatic; others raise InvalidInputError. Geometry is not part of a model: see add_geometry.
         """
         from signorini._pinocchio import add_pinocchio
 
@@ -652,10 +694,13 @@ class WorldBuilder:
 class World:
     """Robots, objects and ground; constant, shared by simulators. Made by `load()` or a `WorldBuilder`.
 
-    bodies, joints, geometries, constraints, actuators: tuples of what it consists of, as the C++ core describes it
+    bodies, joints, geometries, constraints, tendons, actuators: tuples of what it consists of, as the C++ core has it
     (joints in the order of their values in q and v, each with q_index, num_q, v_index, num_v).
     warnings: what was in the robot's file and is not carried over.
     visuals: what bodies look like; a body without any looks as it collides.
+
+    Configurations q have num_q values, velocities v num_v; units follow the joints. Methods raise InvalidInputError for
+    another number of values, and for a name that is not there, with the nearest that are.
     """
 
     def __init__(self, core: Any, warnings: tuple[str, ...] = (), visuals: tuple[Visual, ...] = ()) -> None:
@@ -694,7 +739,7 @@ class World:
         return tuple(self._core.tendons)
 
     def tendon_lengths(self, q: ArrayLike | None = None) -> Array:
-        """(tendons,) at q (default: initial_q)."""
+        """Length of each tendon, (tendons,), at q (default: initial_q)."""
         return np.array(self._core.tendon_lengths(self.initial_q if q is None else _vector(q, self.num_q, "q")))
 
     @cached_property
@@ -723,12 +768,15 @@ class World:
         return tuple(actuator.name for actuator in self.actuators)
 
     def body_index(self, name: str) -> int:
+        """Index in bodies."""
         return self._index("body", name, self.body_names)
 
     def geometry_index(self, name: str) -> int:
+        """Index in geometries."""
         return self._index("geometry", name, self.geometry_names)
 
     def actuator_index(self, name: str) -> int:
+        """Index in actuators, and of its value in Simulator.control."""
         return self._index("actuator", name, self.actuator_names)
 
     def joint(self, name: str) -> Any:
@@ -769,9 +817,11 @@ class World:
         return np.array(self._core.initial_q)
 
     def integrate(self, q: ArrayLike, v: ArrayLike, time_step: float) -> Array:
-        """q advanced along v for a time step [s], on the manifold of configurations."""
+        """q advanced along v for time_step [s], on the manifold of configurations (quaternions stay of length 1)."""
         return np.array(
-            self._core.integrate(_vector(q, self.num_q, "q"), _vector(v, self.num_v, "v"), float(time_step))
+            self._core.integrate(
+                _vector(q, self.num_q, "q"), _vector(v, self.num_v, "v"), _arrays.number("time_step", time_step)
+            )
         )
 
     def body_placement(self, body: str, q: ArrayLike | None = None) -> tuple[Array, Array]:
@@ -804,7 +854,7 @@ class World:
         return [
             (int(a), int(b), float(d))
             for a, b, d in self._core.touching_pairs(
-                self.initial_q if q is None else _vector(q, self.num_q, "q"), float(margin)
+                self.initial_q if q is None else _vector(q, self.num_q, "q"), _arrays.number("margin", margin)
             )
         ]
 

@@ -5,10 +5,10 @@
 #include <cstring>
 #include <limits>
 #include <map>
-#include <sstream>
 
 #include "broad_phase.hpp"
 #include "narrow_phase.hpp"
+#include "require.hpp"
 #include "signorini/errors.hpp"
 #include "sweep.hpp"
 
@@ -25,12 +25,6 @@ constexpr double kSinksDeep = 0.1;  // of the margin: how much deeper such a pai
 constexpr double kSameTime = 1e-9;  // of the step: meetings nearer in time than this are one
 const FrameMotion kAtRest;
 constexpr char kMagic[] = "signorini detector 3";
-
-std::string number(double value) {
-  std::ostringstream out;
-  out << value;
-  return out.str();
-}
 
 /// A pair whose bounds were near in the last step.
 struct NearPair {
@@ -125,11 +119,11 @@ void check_pairs(const std::vector<CollisionGeometry>& geometries, const std::ve
 
 void DetectorSettings::validate() const {
   if (!(margin >= 0.0 && margin <= 1e3))
-    throw InvalidInput("margin", "is " + number(margin) + ", must be in [0, 1e3] m");
+    throw InvalidInput("margin", "is " + in_full(margin) + ", must be in [0, 1e3] m");
   if (!(sweep_from >= 0.0 && sweep_from <= 1e3))
-    throw InvalidInput("sweep_from", "is " + number(sweep_from) + ", must be in [0, 1e3] m");
+    throw InvalidInput("sweep_from", "is " + in_full(sweep_from) + ", must be in [0, 1e3] m");
   if (!(match_distance >= 0.0 && match_distance <= 1e3))
-    throw InvalidInput("match_distance", "is " + number(match_distance) + ", must be in [0, 1e3] m");
+    throw InvalidInput("match_distance", "is " + in_full(match_distance) + ", must be in [0, 1e3] m");
   if (tree_from < 0) throw InvalidInput("tree_from", "is " + std::to_string(tree_from) + ", must be at least 0");
 }
 

@@ -2,19 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 #include <string>
 
-#include "signorini/errors.hpp"
+#include "require.hpp"
 
 namespace signorini {
 
 void Material::validate(const char* field) const {
   const auto check = [field](const char* name, double value, bool allowed, const char* range) {
-    if (allowed) return;
-    std::ostringstream message;
-    message << "is " << value << ", must be " << range;
-    throw InvalidInput(std::string(field) + "." + name, message.str());
+    if (!allowed) require(false, std::string(field) + "." + name, value, range);
   };
   check("friction", friction, friction >= 0.0 && friction <= 1e6, "in [0, 1e6]");
   check("torsion", torsion, torsion >= 0.0 && torsion <= 1e6, "in [0, 1e6] m");

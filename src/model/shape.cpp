@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <sstream>
 #include <string>
 
+#include "require.hpp"
 #include "signorini/errors.hpp"
 
 namespace signorini {
@@ -17,12 +17,6 @@ Shape make(ShapeType type, const Vector3& size) {
   shape.type = type;
   shape.size = size;
   return shape;
-}
-
-std::string number(double value) {
-  std::ostringstream out;
-  out << value;
-  return out.str();
 }
 
 constexpr double kLargest = 1e6;
@@ -37,7 +31,7 @@ void validate_mesh(const ConvexMesh* mesh, const std::string& field) {
     for (int k = 0; k < 3; ++k)
       if (!(std::abs(mesh->vertices[i][k]) <= kLargest))
         throw InvalidInput(field + ".mesh.vertices[" + std::to_string(i) + "]",
-                           "is " + number(mesh->vertices[i][k]) + ", must be within +-1e6 m");
+                           "is " + in_full(mesh->vertices[i][k]) + ", must be within +-1e6 m");
   for (std::size_t i = 0; i < mesh->triangles.size(); ++i)
     for (const int k : mesh->triangles[i])
       if (k < 0 || static_cast<std::size_t>(k) >= count)
@@ -60,7 +54,7 @@ void validate_grid(const HeightGrid* grid, const std::string& field) {
   for (const auto& [name, length] : {std::make_pair(".half_x", grid->half_x), std::make_pair(".half_y", grid->half_y),
                                      std::make_pair(".base", grid->base)})
     if (!(length > 0.0 && length <= kLargest))
-      throw InvalidInput(field + name, "is " + number(length) + ", must be in (0, 1e6] m");
+      throw InvalidInput(field + name, "is " + in_full(length) + ", must be in (0, 1e6] m");
   const std::size_t count = static_cast<std::size_t>(grid->rows) * static_cast<std::size_t>(grid->columns);
   if (grid->heights.size() != count)
     throw InvalidInput(field + ".heights", "are " + std::to_string(grid->heights.size()) +
@@ -68,7 +62,7 @@ void validate_grid(const HeightGrid* grid, const std::string& field) {
   for (std::size_t i = 0; i < count; ++i)
     if (!(std::abs(grid->heights[i]) <= kLargest && grid->heights[i] > -grid->base))
       throw InvalidInput(field + ".heights[" + std::to_string(i) + "]",
-                         "is " + number(grid->heights[i]) + ", must be within +-1e6 m and above -base");
+                         "is " + in_full(grid->heights[i]) + ", must be within +-1e6 m and above -base");
 }
 
 }  // namespace
@@ -125,7 +119,7 @@ void Shape::validate(const char* field) const {
   for (int k = 0; k < kSizes[static_cast<int>(type)]; ++k)
     if (!(size[k] > 0.0 && size[k] <= kLargest))
       throw InvalidInput(std::string(field) + ".size[" + std::to_string(k) + "]",
-                         "is " + number(size[k]) + ", must be in (0, 1e6] m");
+                         "is " + in_full(size[k]) + ", must be in (0, 1e6] m");
   if (type == ShapeType::Convex) validate_mesh(mesh.get(), field);
   if (type == ShapeType::HeightField) validate_grid(height_grid.get(), field);
 }

@@ -2,15 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 #include <string>
 
+#include "length.hpp"
 #include "require.hpp"
 
 namespace signorini {
 
 void project_friction_cone(double friction, const double* x, double* out) {
-  const double t = std::sqrt(x[0] * x[0] + x[1] * x[1]), n = x[2];
+  const double t = length(x[0], x[1]), n = x[2];
   if (friction * t <= -n) {  // the polar cone; first, since it is the right answer on the ray friction = 0 too
     out[0] = out[1] = out[2] = 0.0;
   } else if (t <= friction * n) {
@@ -81,12 +81,10 @@ void ConstraintSets::add_half_line() {
 }
 
 void ConstraintSets::add_interval(double lower, double upper) {
-  if (!(lower <= upper) || lower > 1e100 || upper < -1e100) {
-    std::ostringstream message;
-    message << "is the interval [" << lower << ", " << upper
-            << "], must have lower <= upper and hold an impulse within +-1e100";
-    throw InvalidInput("constraints[" + std::to_string(num_sets()) + "]", message.str());
-  }
+  if (!(lower <= upper) || lower > 1e100 || upper < -1e100)
+    throw InvalidInput("constraints[" + std::to_string(num_sets()) + "]",
+                       "is the interval [" + in_full(lower) + ", " + in_full(upper) +
+                           "], must have lower <= upper and hold an impulse within +-1e100");
   ConstraintSet set;
   set.type = SetType::Interval;
   set.lower = lower;

@@ -3,8 +3,8 @@
 #include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 
+#include "require.hpp"
 #include "signorini/errors.hpp"
 
 namespace signorini {
@@ -14,17 +14,11 @@ namespace {
 constexpr double kLargest = 1e100;
 constexpr double kSmallestDiagonal = 1e-100;
 
-std::string number(double value) {
-  std::ostringstream out;
-  out << value;
-  return out.str();
-}
-
 void check_entries(const GrowVector& v, const char* field, double lowest) {
   for (Index i = 0; i < v.size(); ++i) {
     if (v[i] >= lowest && v[i] <= kLargest) continue;  // false for NaN
     throw InvalidInput(std::string(field) + "[" + std::to_string(i) + "]",
-                       "is " + number(v[i]) + ", must be in [" + number(lowest) + ", " + number(kLargest) + "]");
+                       "is " + in_full(v[i]) + ", must be in [" + in_full(lowest) + ", " + in_full(kLargest) + "]");
   }
 }
 
@@ -60,7 +54,7 @@ ContactProblem::ContactProblem(std::shared_ptr<const DelassusOperator> delassus,
 void ContactProblem::assign(std::shared_ptr<const DelassusOperator> delassus, const ConstVectorRef& free_velocity,
                             const ConstraintSets& sets, const ConstVectorRef& compliance, double reference) {
   if (!(reference >= 0.0 && reference <= kLargest))
-    throw InvalidInput("reference", "is " + number(reference) + ", must be in [0, 1e100]");
+    throw InvalidInput("reference", "is " + in_full(reference) + ", must be in [0, 1e100]");
   reference_ = reference;
   try {
     take(std::move(delassus), free_velocity, sets, compliance);
@@ -104,7 +98,7 @@ void ContactProblem::take(std::shared_ptr<const DelassusOperator> delassus, cons
     if (set.size() == 3) d = (d + scale_[o + 1] + compliance_[o + 1] + scale_[o + 2] + compliance_[o + 2]) / 3.0;
     if (d > 0.0 && d < kSmallestDiagonal) {
       throw InvalidInput("delassus diagonal[" + std::to_string(o) + "]",
-                         "is " + number(d) + ", must be 0 or at least " + number(kSmallestDiagonal));
+                         "is " + in_full(d) + ", must be 0 or at least " + in_full(kSmallestDiagonal));
     }
     for (Index k = 0; k < set.size(); ++k) scale_[o + k] = d > 0.0 ? d : 1.0;
   }
@@ -127,7 +121,7 @@ void ContactProblem::check_definite() const {
   const double smallest = factor.info() == Eigen::Success ? factor.vectorD().minCoeff() : -1.0;
   if (smallest >= 0.0) return;
   throw InvalidInput("delassus", "is not positive semidefinite: with its diagonal scaled to 1, a pivot is " +
-                                     number(smallest) + ", must be >= 0");
+                                     in_full(smallest) + ", must be >= 0");
 }
 
 }  // namespace signorini

@@ -1,6 +1,6 @@
 #include "signorini/problem/de_saxce.hpp"
 
-#include <cmath>
+#include "length.hpp"
 
 namespace signorini {
 
@@ -10,7 +10,7 @@ void de_saxce_correction(const ConstraintSets& sets, Law law, const ConstVectorR
   for (const ConstraintSet& set : sets) {
     if (set.type != SetType::FrictionCone) continue;
     const double* v = velocity.data() + set.offset;
-    correction[set.offset + 2] = set.friction * std::hypot(v[0], v[1]);
+    correction[set.offset + 2] = set.friction * length(v[0], v[1]);
   }
 }
 
@@ -19,7 +19,7 @@ void add_de_saxce_correction(const ConstraintSets& sets, Law law, VectorRef velo
   for (const ConstraintSet& set : sets) {
     if (set.type != SetType::FrictionCone) continue;
     double* v = velocity.data() + set.offset;
-    v[2] += set.friction * std::hypot(v[0], v[1]);
+    v[2] += set.friction * length(v[0], v[1]);
   }
 }
 

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "length.hpp"
+
 namespace signorini {
 namespace {
 
@@ -36,18 +38,6 @@ void natural_map(const ConstraintSet& set, const double* l, const double* t, dou
   }
 }
 
-/// sqrt(x^2 + y^2); std::hypot, several times slower, only where squares leave the range of normal numbers.
-double length(double x, double y) {
-  const double square = x * x + y * y;
-  return square > 1e-250 && square < 1e250 ? std::sqrt(square) : std::hypot(x, y);
-}
-
-double norm(const double* x, Index n) {
-  if (n == 1) return std::abs(x[0]);
-  const double square = x[0] * x[0] + x[1] * x[1] + x[2] * x[2];
-  return square > 1e-250 && square < 1e250 ? std::sqrt(square) : std::hypot(std::hypot(x[0], x[1]), x[2]);
-}
-
 /// v: sigma + Gamma(sigma) of the set.
 RelativePart relative_part(const ContactProblem& problem, const ConstraintSet& set, const double* x, const double* v) {
   const Index o = set.offset, n = set.size();
@@ -57,7 +47,7 @@ RelativePart relative_part(const ContactProblem& problem, const ConstraintSet& s
   ConstraintSet scaled = set;
   scaled.lower *= root, scaled.upper *= root;
   natural_map(scaled, l, t, e);
-  RelativePart part{norm(e, n), norm(l, n), norm(problem.free_velocity().data() + o, n) / root};
+  RelativePart part{length(e, n), length(l, n), length(problem.free_velocity().data() + o, n) / root};
   if (set.type == SetType::Interval) {
     const double zero[3] = {};
     double imposed[3];
@@ -99,13 +89,13 @@ Residual residual(const ContactProblem& problem, const ConstVectorRef& impulse, 
 
     project(set, x, p);
     for (Index k = 0; k < n; ++k) e[k] = x[k] - p[k];
-    raise(r.primal, norm(e, n));
+    raise(r.primal, length(e, n));
 
     switch (set.type) {
       case SetType::FrictionCone: {
         const double minus[3] = {-v[0], -v[1], -v[2]};
         project_friction_cone(set.friction, minus, p);  // dist(s, K*) = |P_K(-s)|
-        raise(r.dual, norm(p, 3));
+        raise(r.dual, length(p, 3));
         raise(r.complementarity, std::abs(x[0] * v[0] + x[1] * v[1] + x[2] * v[2]));
         raise(r.signorini, w[2] < 0.0 ? -w[2] : 0.0 * w[2]);
         raise(r.signorini, x[2] < 0.0 ? -x[2] : 0.0 * x[2]);

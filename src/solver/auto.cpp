@@ -49,7 +49,7 @@ constexpr double kFrictionStarts[] = {0.3, 0.1, 0.01};
 constexpr double kFrictionGrowth = 1.1, kMostFrictionGrowth = 1.3, kLeastFrictionGrowth = 1.001;
 constexpr int kFrictionBudget = 300;
 constexpr double kLargestImpulse = 1e10;  // over the free velocity: beyond it rounding alone makes residuals small
-constexpr double kNoSolution = 1e8;       // over the free velocity: a solution larger than this counts as none
+constexpr double kNoSolution = 1e12;      // over the free velocity: a solution larger than this counts as none
 // With a softness near rounding the solve turns the ray out of the cones, and projecting it undoes what was purged.
 constexpr double kRaySoftness = 1e-5, kRaySlope = 1e-6;
 constexpr int kRayPurges = 4;
@@ -165,20 +165,25 @@ class Ladder {
     GrowVector ray = w_.ray, velocity;
     velocity.resize(ray.size());
     keep_ray(ray);
+    const auto proves = [&] {
+      problem_.system->apply(ray, velocity);
+      const double slope = -problem_.b.dot(ray);
+      return slope > kRaySlope * problem_.b.norm() * ray.norm() &&
+             slope >= kNoSolution * problem_.reference * velocity.norm();  // false for NaN
+    };
+    if (proves()) return true;
     // What is left of it where G + R is next to nothing.
     const BlockDiagonal soft(static_cast<std::size_t>(problem_.sets.num_sets()),
                              Eigen::Matrix3d(kRaySoftness * Eigen::Matrix3d::Identity()));
     ++factorizations;
     if (!problem_.system->factor(soft)) return false;
     for (int k = 0; k < kRayPurges; ++k) {
-      problem_.system->solve(ray);
-      ray *= kRaySoftness;
+      problem_.system->solve(velocity);
+      ray -= velocity;
       keep_ray(ray);
+      if (proves()) return true;
     }
-    problem_.system->apply(ray, velocity);
-    const double slope = -problem_.b.dot(ray);
-    return slope > kRaySlope * problem_.b.norm() * ray.norm() &&
-           slope >= kNoSolution * problem_.reference * velocity.norm();  // false for NaN
+    return false;
   }
 
  private:
@@ -481,14 +486,16 @@ class Ladder {
   /// where A does not list its columns.
   bool sweep_patches() {
     PatchResult result;
-    if (!w_.patches.solve(problem_, tolerance_, w_.sweeps.impulse(), result)) return false;
+    const int left = max_factorizations_ - factorizations;
+    if (!w_.patches.solve(problem_, tolerance_, left, w_.sweeps.impulse(), result)) return false;
     iterations += static_cast<int>(std::ceil(result.sweeps));
     factorizations += static_cast<int>(std::ceil(result.factorizations));
     if (observe_) observe_(w_.patches.impulse(), factorizations);
     offer(w_.patches.impulse(), result.relative, SolverType::Pgs);
     has_near_ = true, w_.near = w_.patches.impulse();
     knotted_ = result.knotted;
-    if (!done() && !knotted_) proximal_newton(w_.near, kLargeProximal);
+    if (!done() && !knotted_ && !out_of_budget())
+      proximal_newton(w_.near, std::min(kLargeProximal, max_factorizations_ - factorizations));
     return true;
   }
 

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "length.hpp"
 #include "require.hpp"
 
 namespace signorini {
@@ -20,7 +21,7 @@ using Row3 = Eigen::Vector3d;
 /// sigma + Gamma(sigma) of a friction cone.
 Row3 corrected(double friction, Law law, const Row3& sigma) {
   Row3 s = sigma;
-  if (law == Law::Ncp) s[2] += friction * sigma.head<2>().norm();
+  if (law == Law::Ncp) s[2] += friction * length(sigma[0], sigma[1]);
   return s;
 }
 
@@ -29,13 +30,14 @@ double distance_to_normals(double friction, const Row3& impulse, const Row3& s) 
   if (impulse.isZero(0.0)) {
     Row3 beyond = -s;  // what the polar cone does not hold of it (Moreau)
     project_friction_cone(friction, beyond.data(), beyond.data());
-    return beyond.norm();
+    return length(beyond.data(), 3);
   }
   if (friction == 0.0) return std::abs(s[2]);
-  const double tangent = impulse.head<2>().norm();
-  if (tangent < (1.0 - kBorder) * friction * impulse[2]) return s.norm();
+  const double tangent = length(impulse[0], impulse[1]);
+  if (tangent < (1.0 - kBorder) * friction * impulse[2]) return length(s.data(), 3);
   const Row3 ray = Row3(impulse[0] / tangent, impulse[1] / tangent, -friction) / std::hypot(1.0, friction);
-  return (s + std::max(0.0, -s.dot(ray)) * ray).norm();
+  const Row3 left = s + std::max(0.0, -s.dot(ray)) * ray;
+  return length(left.data(), 3);
 }
 
 /// The same for one row: N_K is the line below, above, or all of it at both ends of an interval of length 0.
@@ -62,7 +64,7 @@ double infeasibility(const ConstraintSet& set, Law law, const double* c, const d
       if (law == Law::Ncp || compliance[0] > 0.0) return std::max(0.0, -c[2]);
       Row3 beyond(-c[0], -c[1], -c[2]);  // the CCP holds c in K*
       project_friction_cone(set.friction, beyond.data(), beyond.data());
-      return beyond.norm();
+      return length(beyond.data(), 3);
     }
     case SetType::HalfLine:
       return std::max(0.0, -*c);
@@ -84,7 +86,7 @@ Row3 cone_impulse(double friction, Law law, const Row3& c, double d_t, double d_
     return Row3(x[0] / root_t, x[1] / root_t, x[2] / root_n);
   }
   x = Row3(-c[0] / d_t, -c[1] / d_t, std::max(0.0, -c[2] / d_n));  // Signorini knows nothing of the tangents ...
-  const double tangent = x.head<2>().norm(), radius = friction * x[2];
+  const double tangent = length(x[0], x[1]), radius = friction * x[2];
   if (tangent > radius || radius == 0.0)
     x.head<2>() *= tangent > 0.0 ? radius / tangent : 0.0;  // ... and Coulomb takes what is left
   return x;
@@ -171,8 +173,9 @@ double reference_speed(const ConstVectorRef& velocity, const ConstVectorRef& com
   if (speed > 0.0) return speed;
   for (const ConstraintSet& set : sets) {
     const Index at = set.offset, rows = set.size();
-    const double springs = compliance.segment(at, rows).cwiseProduct(impulse.segment(at, rows)).norm();
-    speed = std::max({speed, velocity.segment(at, rows).norm(), springs});
+    double springs[3];
+    for (Index k = 0; k < rows; ++k) springs[k] = compliance[at + k] * impulse[at + k];
+    speed = std::max({speed, length(velocity.data() + at, rows), length(springs, rows)});
   }
   return std::min(speed, kOverflow);
 }

@@ -50,8 +50,8 @@ void PatchSweeps::start(const ScaledProblem& problem, const GrowVector& impulse)
   t_.resize(problem.size()), natural_.resize(problem.size());
 }
 
-bool PatchSweeps::solve(const ScaledProblem& problem, double tolerance, const GrowVector& impulse,
-                        PatchResult& result) {
+bool PatchSweeps::solve(const ScaledProblem& problem, double tolerance, int max_factorizations,
+                        const GrowVector& impulse, PatchResult& result) {
   if (!problem.system->list_columns(first_, columns_)) return false;
   start(problem, impulse);
   result = PatchResult();
@@ -72,7 +72,7 @@ bool PatchSweeps::solve(const ScaledProblem& problem, double tolerance, const Gr
     if (round == 0) first = order_.size();
     result.knotted = result.factorizations > most_factorizations;
     const bool slow = 2 * order_.size() > first;
-    if (result.knotted || result.sweeps > (slow ? 0.5 : 1.0) * kSweepBudget) break;
+    if (result.knotted || result.spent || result.sweeps > (slow ? 0.5 : 1.0) * kSweepBudget) break;
     std::sort(order_.begin(), order_.end(),
               [this](int a, int b) { return error_[a] != error_[b] ? error_[a] > error_[b] : a < b; });
     std::fill(done_.begin(), done_.end(), std::uint8_t{0});
@@ -83,7 +83,7 @@ bool PatchSweeps::solve(const ScaledProblem& problem, double tolerance, const Gr
         done_[patch_[k]] = 1;
       if (relax(problem, kPatchAim * tolerance * unit, result) <= kStalled) continue;
       find_patch(centre, static_cast<int>(std::max(size, kLeastKnot)));
-      newton(problem, kPatchAim * tolerance, unit, result);
+      newton(problem, kPatchAim * tolerance, max_factorizations, unit, result);
     }
   }
   return true;
@@ -184,7 +184,13 @@ double PatchSweeps::relax(const ScaledProblem& problem, double aim, PatchResult&
 }
 
 /// Proximal Newton on the patch; unit: what the certificate is relative to.
-void PatchSweeps::newton(const ScaledProblem& problem, double tolerance, double unit, PatchResult& result) {
+void PatchSweeps::newton(const ScaledProblem& problem, double tolerance, int max_factorizations, double unit,
+                         PatchResult& result) {
+  const double share = static_cast<double>(patch_.size()) / static_cast<double>(sizes_.size());
+  const auto limit =
+      static_cast<int>(std::min<double>(kKnotFactorizations, (max_factorizations - result.factorizations) / share));
+  result.spent |= limit < 1;
+  if (result.spent) return;
   std::sort(patch_.begin(), patch_.end());
   gather();
   part_.sets.clear();
@@ -197,10 +203,8 @@ void PatchSweeps::newton(const ScaledProblem& problem, double tolerance, double 
   part_.b.resize(num_rows_);
   part_.system->apply(newton_.l, part_.b);
   part_.b = state_.segment(num_rows_, num_rows_) - part_.b;
-  const NewtonResult found =
-      proximal_newton_iterations(part_, tolerance, kKnotWeight, kKnotFactorizations, kKnotFactorizations, newton_);
-  result.factorizations +=
-      found.factorizations * static_cast<double>(patch_.size()) / static_cast<double>(sizes_.size());
+  const NewtonResult found = proximal_newton_iterations(part_, tolerance, kKnotWeight, limit, limit, newton_);
+  result.factorizations += share * found.factorizations;
   put(newton_.best.data());
 }
 

@@ -216,3 +216,30 @@ def test_unchecked_indefinite_problem_is_a_status_or_an_answer():
     assert solution.status in {"solved", "max iterations", "stalled", "invalid"}
     assert np.isfinite(solution.impulse).all()
     assert solution.solved == (signorini.residual(problem, solution.impulse).relative <= 1e-6)
+
+
+@pytest.mark.parametrize("value", [1e6 + 1e-3, 1e6 + 1, 16777217.0, 1e8 / 3.0, np.nextafter(1e6, 2e6), -1.0 / 3.0])
+def test_a_value_that_is_refused_is_said_in_full(value):
+    with pytest.raises(InvalidInputError) as refused:
+        build(friction=[0.5, value])
+    assert float(str(refused.value).split("is ")[1].split(",")[0]) == value
+
+
+def test_a_value_just_outside_is_not_said_to_be_the_limit():
+    for name, value in (("tolerance", 1.0 + 1e-9), ("over_relaxation", 2.0 + 1e-9), ("linear_factor", 1.0 - 1e-9)):
+        with pytest.raises(InvalidInputError, match=rf"^{name}: is {value!r}, must be "):
+            signorini.solve(build(), **{name: value})
+
+
+@pytest.mark.parametrize(
+    ("field", "right", "wrong"),
+    [("max_iterations", 1, True), ("facets", 4, 4.0), ("anderson_memory", 0, False), ("penalty", 1.0, True)],
+)
+def test_arguments_seen_before_do_not_let_pass_what_equals_them(field, right, wrong):
+    for _ in range(2):
+        signorini.solve(build(), **{field: right})
+        with pytest.raises(InvalidInputError, match=rf"^{field}: is {wrong!r}, must be "):
+            signorini.solve(build(), **{field: wrong})
+    for unhashable in ([right], {}, np.ones(2)):
+        with pytest.raises(InvalidInputError, match=rf"^{field}: is "):
+            signorini.solve(build(), **{field: unhashable})

@@ -152,6 +152,33 @@ def test_missing_file_empty_folder_and_no_argument(tmp_path):
     assert run("solve").exit_code == 2
 
 
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["solve", ""], "FILES"),
+        (["solve", "a.hdf5", "", "b.hdf5"], "FILES"),
+        (["solve", "a.hdf5", "--json", ""], "--json"),
+        (["run", ""], "SCENE|FILE"),
+        (["run", "cube-stack", "--hardest="], "--hardest"),
+        (["check", "robot.urdf", "--package-dir", "", "--package-dir", "a"], "--package-dir"),
+        (["replay", ""], "RECORDING"),
+        (["view", "a.h5", "--html", ""], "--html"),
+        (["video", "a.h5", ""], "FILE.mp4"),
+        (["experiment", "scenes", "--output", ""], "--output"),
+        (["experiment", "profiles", "--data", ""], "--data"),
+        (["experiment", "all", "--skip", ""], "--skip"),
+    ],
+)
+def test_an_empty_argument_is_not_the_working_directory(folder, monkeypatch, arguments, named):
+    monkeypatch.chdir(folder)
+    before = sorted(folder.iterdir())
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert f"'{named}'" in result.stderr
+    assert "empty" in result.stderr
+    assert sorted(folder.iterdir()) == before
+
+
 def test_json_target_that_cannot_be_written(folder):
     result = run("solve", folder, "--json", folder / "no" / "such" / "folder.json")
     assert result.exit_code == 2

@@ -457,6 +457,18 @@ def test_units_do_not_matter(rigid, law):
         assert other.impulse == pytest.approx(mass * one.impulse, rel=1e-9, abs=1e-9 * mass)
 
 
+@pytest.mark.parametrize("factor", [1e-160, 1e-200, 1e-300])
+@pytest.mark.parametrize("r", [[0.1, 0.1, 0.1], [0.1, 0.1, 0.0], None])
+@pytest.mark.parametrize("c", [[0.1, 0.0, -0.05], [0.1, 0.0, 0.0]])
+def test_velocities_whose_squares_are_no_numbers(r, c, factor):
+    guess = np.array([0.0, 0.0, 1.0])
+    plain = inverse_contact(c, r, [0.5], guess)
+    small = inverse_contact(factor * np.array(c), r, [0.5], factor * guess)
+    assert small.status == plain.status
+    assert small.relative == pytest.approx(plain.relative, abs=1e-9)
+    np.testing.assert_allclose(small.impulse / factor, plain.impulse, rtol=1e-9, atol=1e-12)
+
+
 def test_a_tolerance_is_kept_and_steps_are_counted():
     c, guess = [0.0, 0.0, 1e-3], [0.0, 0.0, 1.0]  # at this weight the impulse falls by 0.1 a step
     slow = {"proximal_weight": 1e-2, "impulse_guess": guess}

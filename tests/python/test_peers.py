@@ -156,14 +156,14 @@ def test_siconos_absent(monkeypatch):
 
 
 def test_siconos_refuses_other_methods(with_siconos):
-    with pytest.raises(ValueError, match="method"):
+    with pytest.raises(InvalidInputError, match="method"):
         siconos.solve(point_masses(FREE, [0.5] * 3), method="path")
-    with pytest.raises(ValueError, match="ncp"):
+    with pytest.raises(InvalidInputError, match="ncp"):
         siconos.solve(point_masses(FREE, [0.5] * 3), law="ccp")
 
 
 def test_a_law_that_a_peer_does_not_know(peer):
     if "ccp" in peer.laws:
         pytest.skip(f"{peer.name} solves both laws")
-    with pytest.raises(ValueError, match="ncp"):
+    with pytest.raises(InvalidInputError, match="ncp"):
         peer.solve(point_masses(FREE, [0.5] * 3), law="ccp")

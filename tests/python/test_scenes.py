@@ -128,10 +128,19 @@ def test_ball_hits_the_wall():
         (lambda: scenes.pile(10, layers=0.0), "layers"),
         (lambda: scenes.pile(10, dt=0.0), "dt"),
         (lambda: scenes.chain(1), "num_links"),
+        (lambda: scenes.chain(3, mass_ratio=0.0), "mass_ratio"),
+        (lambda: scenes.chain(3, seed=-1), "seed"),
+        (lambda: scenes.wall(3, 3, ball_mass=-1.0), "ball_mass"),
+        (lambda: scenes.pile(10, contacts_per_sphere="x"), "contacts_per_sphere"),
+        (lambda: scenes.cube_stack(2.5), "num_cubes"),
+        (lambda: scenes.cube_stack(3, slip=float("inf")), "slip"),
+        (lambda: scenes.scaled_masses(scenes.chain(3), 0.0), "factor"),
+        (lambda: scenes.with_compliance(scenes.chain(3), -1e-6), "fraction"),
+        (lambda: scenes.with_friction(scenes.chain(3), -0.1), "friction"),
     ],
 )
 def test_bad_arguments_are_named(make, field):
-    with pytest.raises(ValueError, match=field):
+    with pytest.raises(signorini.InvalidInputError, match=rf"^{field}\b"):
         make()
 
 

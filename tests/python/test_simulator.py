@@ -11,11 +11,13 @@ from test_physics import add_box, add_sphere, pendulum, plate
 
 import signorini
 from signorini import (
+    Capsule,
     InvalidInputError,
     Joint,
     Material,
     Simulator,
     SimulatorSettings,
+    Sphere,
     WorldBuilder,
     fclib,
     rollout,
@@ -218,9 +220,33 @@ def test_columns_of_contacts_say_the_same_as_the_items():
     assert contacts[-1].id == contacts.id[-1]
     with pytest.raises(IndexError):
         contacts[len(contacts)]
+    assert contacts[np.array(1)].id == contacts[np.int32(1)].id == contacts.id[1]
     held = contacts.position.copy()
     simulator.run(20)
     assert np.array_equal(contacts.position, held)  # of its own
+
+
+def test_masks_slices_and_indices_select_contacts(tumble):
+    simulator = Simulator(tumble)
+    simulator.run(300)
+    contacts = simulator.contacts
+    n = len(contacts)
+    assert n > 2
+    up = contacts.normal[:, 2] > 0.5
+    for key in (slice(1, None), slice(None, None, -2), up, ~up, up.tolist(), np.array([n - 1, 0, 0]), [-1], []):
+        chosen, rows = contacts[key], np.arange(n)[key]
+        assert [one.id for one in chosen] == [contacts[int(k)].id for k in rows]
+        assert np.array_equal(chosen.mode, contacts.mode[rows])
+        for name in ("geometries", "id", "distance", "position", "normal", "frame", "force", "velocity"):
+            assert np.array_equal(getattr(chosen, name), getattr(contacts, name)[rows]), name
+            assert not np.shares_memory(getattr(chosen, name), getattr(contacts, name)), name
+        assert len(pickle.loads(pickle.dumps(chosen))) == len(rows)
+    for wrong in (np.zeros(n + 1, bool), [n], np.array([0.5])):
+        with pytest.raises(IndexError):
+            contacts[wrong]
+    for wrong in (np.zeros((1, 1), int), (0, 1), 0.5):
+        with pytest.raises(TypeError):
+            contacts[wrong]
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda contacts: pickle.loads(pickle.dumps(contacts))])
@@ -466,3 +492,45 @@ def test_a_prompt_shows_what_there_is(tumble):
     assert "steps=3" in repr(simulator)
     assert "time=0.003" in repr(simulator.state)
     assert {"load", "Simulator", "WorldBuilder", "fclib"} <= set(dir(signorini))
+
+
+def small_builder():
+    builder = WorldBuilder()
+    builder.add_body("a", joints=[Joint("j", "free")], mass=1.0, inertia=np.eye(3))
+    builder.add_geometry("a", Sphere(0.1))
+    return builder
+
+
+@pytest.mark.parametrize(
+    ("field", "give"),
+    [
+        ("gravity", lambda b, x: WorldBuilder(x)),
+        ("mass", lambda b, x: b.add_body("b", mass=x)),
+        ("inertia", lambda b, x: b.add_body("b", inertia=x)),
+        ("position", lambda b, x: b.add_body("b", position=x)),
+        ("damping", lambda b, x: b.add_body("b", joints=[Joint("k", damping=x)])),
+        ("radius", lambda b, x: b.add_geometry("a", Sphere(x))),
+        ("half_length", lambda b, x: b.add_geometry("a", Capsule(0.1, x))),
+        ("group", lambda b, x: b.add_geometry("a", Sphere(0.1), group=x)),
+        ("priority", lambda b, x: b.add_geometry("a", Sphere(0.1), material=Material(priority=x))),
+        ("geometry_a", lambda b, x: b.exclude_geometries(x, 0)),
+        ("lower", lambda b, x: b.add_tendon("t", {"j": 1.0}, lower=x)),
+        ("stiffness", lambda b, x: b.add_connect("a", "world", (0, 0, 0), (0, 0, 0), stiffness=x)),
+        ("turn_damping", lambda b, x: b.add_weld("a", "world", turn_damping=x)),
+        ("gear", lambda b, x: b.add_motor("m", "j", gear=x)),
+        ("kp", lambda b, x: b.add_position_actuator("m", "j", kp=x)),
+        ("time_step", lambda b, x: b.build().integrate(np.zeros(7), np.zeros(6), x)),
+        ("margin", lambda b, x: b.build().touching_pairs(margin=x)),
+        ("contact_margin", lambda b, x: Simulator(b.build(), contact_margin=x)),
+        ("max_iterations", lambda b, x: Simulator(b.build(), max_iterations=x)),
+        ("q", lambda b, x: setattr(Simulator(b.build()).state, "q", x)),
+        ("time", lambda b, x: setattr(Simulator(b.build()).state, "time", x)),
+        ("controls", lambda b, x: Simulator(b.build()).run(1, x)),
+        ("states", lambda b, x: rollout(b.build(), x, num_steps=1)),
+        ("threads", lambda b, x: rollout(b.build(), np.zeros((1, 13)), num_steps=1, threads=x)),
+    ],
+)
+def test_what_is_no_number_is_refused(field, give):
+    for value in ("x", ["x"]):
+        with pytest.raises(InvalidInputError, match=rf"\b{field}: is "):
+            give(small_builder(), value)

@@ -7,7 +7,7 @@ import scipy.sparse as sp
 from reference import planted_problem, relative_residual
 
 import signorini
-from signorini import ContactProblem, Equality, FrictionCone, HalfLine, Interval, _core
+from signorini import ContactProblem, Equality, FrictionCone, HalfLine, Interval, _core, scenes
 
 SOLVERS = ["auto", "admm", "pgs", "interior-point", "newton"]
 SURE = ["auto", "admm", "pgs", "interior-point"]  # on problems as easy as these, from nothing
@@ -217,6 +217,26 @@ def test_units_do_not_matter(factor):
     np.testing.assert_allclose(scaled.velocity, plain.velocity, atol=1e-7)
 
 
+@pytest.mark.parametrize("solver", [*SOLVERS, "lcp-pgs", "bisection"])
+@pytest.mark.parametrize("factor", [1e-100, 1e-160, 1e-200, 1e-300])
+def test_velocities_whose_squares_are_no_numbers(solver, factor):
+    mass, j, g, mu, _ = planted_problem(12)
+    for problem in (block(0.4), ContactProblem.from_mass(mass, j, g, mu)):
+        small = ContactProblem(problem.delassus, factor * problem.free_velocity, problem.friction)
+        plain, s = (signorini.solve(one, solver) for one in (problem, small))
+        assert np.isfinite(s.impulse).all()
+        # What is left, measured where it is no smaller than numbers can be.
+        left = relative_residual(
+            problem.delassus.toarray(), problem.free_velocity, problem.friction, s.impulse / factor
+        )
+        assert s.residual.relative == pytest.approx(left, rel=1e-3, abs=1e-12)
+        assert s.residual == signorini.residual(small, s.impulse)
+        if factor >= 1e-200 or solver != "interior-point":  # which cannot begin there, and says so
+            assert s.solved == plain.solved
+    outside = signorini.residual(block(0.4 * factor, weight=factor), factor * np.array([1.0, 0.0, 0.5]))
+    assert outside.primal == pytest.approx(factor * 0.75 / np.sqrt(1.25), rel=1e-9, abs=0.0)
+
+
 def test_a_guess_that_dwarfs_the_free_velocity_does_no_harm():
     for seed in range(60, 70):
         rng = np.random.default_rng(seed)
@@ -270,6 +290,17 @@ def test_out_of_iterations_is_a_status_with_the_best_impulse():
     assert not s.solved
     assert s.iterations == 3
     assert s.residual == signorini.residual(problem, s.impulse)
+
+
+def test_a_limit_of_auto_holds_for_patches_too():
+    problem = scenes.pile(1000)
+    assert signorini.solve(problem, tolerance=1e-8).factorizations > 20  # else there is nothing to limit
+    for limit in (1, 7, 20):
+        s = signorini.solve(problem, tolerance=1e-8, max_iterations=limit)
+        assert s.status == "max iterations"
+        assert s.factorizations <= limit
+        assert s.residual == signorini.residual(problem, s.impulse)
+        assert s.residual.relative < 0.1  # the best seen
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
@@ -342,6 +373,19 @@ def test_auto_says_infeasible(law):
             ray[2] = 0.0  # of the contact that could move
         assert np.abs(problem.delassus @ ray).max() <= 1e-7 * ray.max()
         assert problem.free_velocity @ ray <= -0.5 * ray.max()
+
+
+@pytest.mark.parametrize("lever", [1e-10, 1e-11, 1e-12])
+def test_auto_does_not_say_infeasible_where_a_tiny_lever_holds(lever):
+    """A body between two walls that close in, which can turn: each wall pushes with 1 / (2 lever)."""
+    j = np.array([[1.0, np.sqrt(lever)], [-1.0, np.sqrt(lever)]])
+    solution = np.full(2, 0.5 / lever)
+    for problem in (
+        ContactProblem(j @ j.T, [-1.0, -1], constraints=[HalfLine(), HalfLine()]),
+        ContactProblem.from_mass(np.eye(2), j, [-1.0, -1], constraints=[HalfLine(), HalfLine()]),
+    ):
+        assert signorini.residual(problem, solution).solves(1e-6)
+        assert signorini.solve(problem).status in ("solved", "stalled")
 
 
 def test_impulses_stay_small_where_a_solution_of_large_friction_exists(data):

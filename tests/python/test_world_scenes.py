@@ -1,5 +1,8 @@
 """Worlds that come ready made: the same ones for the same seed, and what they say they are."""
 
+import inspect
+import math
+
 import numpy as np
 import pytest
 
@@ -83,10 +86,23 @@ def test_options_are_checked():
         ("cube-stack", {"misalignment": 1.0}),
         ("spheres", {"size": 0}),
         ("boxes", {"friction": -1.0}),
+        ("spheres", {"radius": -1.0}),
+        ("capsules-box", {"length": 0.0}),
         ("ur5", {"q": [0.0]}),
+        ("ur5", {"q": "x"}),
     ):
-        with pytest.raises(InvalidInputError, match=next(iter(options))):
+        with pytest.raises(InvalidInputError, match=rf"^{next(iter(options))}\b"):
             worlds()[name](**options)
+
+
+@pytest.mark.parametrize("name", sorted(worlds()))
+def test_options_of_another_type_are_refused(name):
+    scene = worlds()[name]
+    for option, parameter in inspect.signature(scene.make).parameters.items():
+        bad = ["x", [1], math.nan, -(2**40), *([] if parameter.default is None else [None])]
+        for value in bad if option != "q" else ["x", [[1.0]], [math.nan] * 6]:
+            with pytest.raises(InvalidInputError, match=rf"\b{option}: "):
+                scene(**{option: value})
 
 
 def test_talos_stands_above_the_ground_without_overlaps():

@@ -12,6 +12,7 @@ struct PatchResult {
   double sweeps = 0.0;          ///< visits over sets
   double factorizations = 0.0;  ///< each by its patch's share of the sets
   bool knotted = false;         ///< given up since these were too many
+  bool spent = false;           ///< or since one more would have been more than max_factorizations
 };
 
 /// For large islands, of the NCP: Gauss-Seidel where the error is (docs/auto.md). What happens in a heap is felt a few
@@ -22,7 +23,8 @@ class PatchSweeps {
  public:
   /// From `impulse` until the certificate is at most `tolerance`, or that comes no nearer. False, and nothing done,
   /// where A does not list its columns.
-  bool solve(const ScaledProblem& problem, double tolerance, const GrowVector& impulse, PatchResult& result);
+  bool solve(const ScaledProblem& problem, double tolerance, int max_factorizations, const GrowVector& impulse,
+             PatchResult& result);
   const GrowVector& impulse() const { return best_; }  ///< the best seen
 
  private:
@@ -37,7 +39,7 @@ class PatchSweeps {
   void put(const double* l);
   double sweep(const ScaledProblem& problem);
   double relax(const ScaledProblem& problem, double aim, PatchResult& result);
-  void newton(const ScaledProblem& problem, double tolerance, double unit, PatchResult& result);
+  void newton(const ScaledProblem& problem, double tolerance, int max_factorizations, double unit, PatchResult& result);
 
   GrowVector l_, t_, natural_, best_;
   SweptSets swept_;

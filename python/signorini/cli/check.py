@@ -29,7 +29,7 @@ MAX_ROWS = 3000  # of a contact problem whose eigenvalues are asked for
 
 
 def check(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A robot file.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A robot file (URDF, MJCF, SDF).")],
     ground: Annotated[bool, typer.Option("--ground", help="Add a floor that the lowest point just touches.")] = False,
     floating: Annotated[
         bool | None,
@@ -38,7 +38,10 @@ def check(
         ),
     ] = None,
     package_dir: Annotated[
-        list[Path] | None, typer.Option(metavar="FOLDER", help="Holds packages, or is one; again for more.")
+        list[Path] | None,
+        typer.Option(
+            metavar="FOLDER", help="Holds the packages of package:// paths, or is one; may be given several times."
+        ),
     ] = None,
     strict: Annotated[bool, typer.Option("--strict", help="Warnings are problems too.")] = False,
     json_file: Annotated[

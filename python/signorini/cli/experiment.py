@@ -31,17 +31,29 @@ from signorini.experiments import (  # noqa: E402
 )
 from signorini.experiments._report import build_id, environment  # noqa: E402
 
-app = typer.Typer(help="Run an experiment: a JSON of its numbers, a plot, and a verdict a claim.", no_args_is_help=True)
+app = typer.Typer(
+    help="Run an experiment: its numbers as JSON and tables, a plot, and a verdict on each claim.\n\n"
+    "Figures and tables are those of Carpentier, Le Lidec, Montaut 2024. Exit status: 0, or 2 on bad input.",
+    short_help="Run an experiment: its numbers as JSON and tables, a plot, and a verdict on each claim.",
+    no_args_is_help=True,
+)
 
-Output = Annotated[Path, typer.Option(help="Folder for the results; made when missing.", file_okay=False)]
+Output = Annotated[
+    Path, typer.Option(metavar="DIR", help="Folder for the results; made when missing.", file_okay=False)
+]
 Data = Annotated[
     Path | None,
-    typer.Option(help="Folder of problem files, a folder a family. Default: SIGNORINI_DATA, else ../shared/data/..."),
+    typer.Option(
+        metavar="DIR",
+        help="Holds one folder of problem files (FCLIB) a family; default: the environment variable SIGNORINI_DATA.",
+    ),
 ]
 Quick = Annotated[bool, typer.Option("--quick", help="A sample, to see that all works.")]
 Peers = Annotated[bool, typer.Option("--peers/--no-peers", help="Run other people's solvers where installed.")]
-Every = Annotated[int | None, typer.Option(min=1, help="Take every so many problems of a family.")]
-Fresh = Annotated[bool, typer.Option("--fresh", help="Measure again what an earlier run into DIR has measured.")]
+Every = Annotated[int | None, typer.Option(min=1, metavar="N", help="Take every N-th problem of a family.")]
+Fresh = Annotated[
+    bool, typer.Option("--fresh", help="Measure again what an earlier run into the same DIR has measured.")
+]
 Install = Annotated[
     bool, typer.Option("--install", help="Get engines that are missing from PyPI, each into its own environment.")
 ]
@@ -148,7 +160,9 @@ def robustness(
     every: Every = None,
     fresh: Fresh = False,
     family: Family = None,
-    stress: Annotated[list[str] | None, typer.Option(help="Only this stress; may be given several times.")] = None,
+    stress: Annotated[
+        list[str] | None, typer.Option(help='Only this variant, such as "friction 3"; may be given several times.')
+    ] = None,
     solver: Annotated[str, typer.Option(help="The method.")] = "auto",
     workers: Annotated[int, typer.Option(min=1, help="Processes; with several, times are not to be quoted.")] = 1,
 ) -> None:
@@ -209,7 +223,7 @@ def simulators(
     ] = None,
     scene: Annotated[
         list[str] | None,
-        typer.Option(help="Only this scene, or trials, the small ones; may be given several times."),
+        typer.Option(help='Only this scene, or "trials", those with a known answer; may be given several times.'),
     ] = None,
     refine: Annotated[
         bool, typer.Option("--refine", help="With steps down to 1/32 ms too, ours and MuJoCo accurate.")

@@ -3,9 +3,10 @@ from __future__ import annotations
 import errno
 import os
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 import signorini
 from signorini.cli import check, experiment, picture, run, solve, view
@@ -22,6 +23,22 @@ app.command(name="video")(picture.video)
 app.command(name="scenes")(run.list_scenes)
 app.command(name="solve")(solve.solve)
 app.add_typer(experiment.app, name="experiment")
+
+
+class _Command(TyperCommand):
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Refuses empty arguments, such as "$UNSET" in a shell: as a Path, that is the working directory."""
+        given, _, _ = self.make_parser(ctx).parse_args(args=list(args))
+        parameter: Any
+        for parameter in self.params:
+            value = given.get(parameter.name)
+            if "" in (value if isinstance(value, (list, tuple)) else [value]):
+                raise typer.BadParameter("is empty", ctx, parameter)
+        return super().parse_args(ctx, args)
+
+
+for _info in (*app.registered_commands, *experiment.app.registered_commands):
+    _info.cls = _Command
 
 
 def _version(wanted: bool) -> None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 SIZE = "1280x720"
 
-File = Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording, see run --record.")]
+File = Annotated[Path, typer.Argument(metavar="RECORDING", help="What `run --record` wrote.")]
 Size = Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Pixels, each in [16, 4096].")]
 Collision = Annotated[bool, typer.Option("--collision", help="Draw what collides in place of what is seen.")]
 ShowForces = Annotated[bool, typer.Option("--forces/--no-forces", help="Arrows for contact forces.")]
@@ -37,7 +37,7 @@ def parse_size(text: str, even: bool = False) -> tuple[int, int]:
 
 def picture(
     file: File,
-    output: Annotated[Path, typer.Argument(metavar="FILE.png")],
+    output: Annotated[Path, typer.Argument(metavar="FILE.png", help="Where to write it.")],
     time: Annotated[float | None, typer.Option(help="Of the state, in s; default: the last.")] = None,
     size: Size = SIZE,
     collision: Collision = False,
@@ -65,12 +65,12 @@ def picture(
 
 def video(
     file: File,
-    output: Annotated[Path, typer.Argument(metavar="FILE.mp4")],
-    fps: Annotated[float, typer.Option(help="Pictures a second, in [1, 240].")] = 30.0,
+    output: Annotated[Path, typer.Argument(metavar="FILE.mp4", help="Where to write it.")],
+    fps: Annotated[float, typer.Option(help="Frames a second, in [1, 240].")] = 30.0,
     size: Size = SIZE,
     speed: Annotated[float, typer.Option(help="Simulated seconds a second, in [0.001, 1000].")] = 1.0,
-    start: Annotated[float | None, typer.Option("--from", help="In s; default: the start.")] = None,
-    end: Annotated[float | None, typer.Option("--to", help="In s; default: the end.")] = None,
+    start: Annotated[float | None, typer.Option("--from", help="Simulated time in s; default: the start.")] = None,
+    end: Annotated[float | None, typer.Option("--to", help="Simulated time in s; default: the end.")] = None,
     collision: Collision = False,
     forces: ShowForces = True,
 ) -> None:

@@ -80,9 +80,12 @@ def _source(scene: str, ground: bool, floating: bool | None, options: list[str])
 
 
 def run(
-    scene: Annotated[str, typer.Argument(metavar="SCENE|FILE", help="A scene of `signorini scenes`, or a robot file.")],
+    scene: Annotated[
+        str,
+        typer.Argument(metavar="SCENE|FILE", help="A scene of `signorini scenes`, or a robot file (URDF, MJCF, SDF)."),
+    ],
     duration: Annotated[
-        float | None, typer.Option(help="Simulated time in s; default: the scene's own, files 2 s.")
+        float | None, typer.Option(help="Simulated time in s; default: the scene's own; of files, 2 s.")
     ] = None,
     dt: Annotated[float, typer.Option(help="Time step in s, in [1e-6, 0.1].")] = 1e-3,
     ground: Annotated[
@@ -94,13 +97,17 @@ def run(
             "--floating/--fixed", help="URDF, SDF files: free or fixed base; default: fixed (URDF), the file's (SDF)."
         ),
     ] = None,
-    option: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help="Of a scene; again for more.")] = None,
+    option: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="Of the scene (docs/scenes.md); may be given several times."),
+    ] = None,
     law: Annotated[Law, typer.Option(help="Signorini and Coulomb (ncp), or its convex relaxation (ccp).")] = Law.NCP,
     solver: Annotated[Solver, typer.Option(help="The method; auto chooses.")] = Solver.AUTO,
     tolerance: Annotated[float, typer.Option(help="On the certificate of each step, in (0, 1).")] = 1e-6,
     record: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep states and certificates (HDF5).")] = None,
     contacts_every: Annotated[
-        int | None, typer.Option(metavar="STEPS", help="--record: between two samples of contacts; default: 10 ms.")
+        int | None,
+        typer.Option(metavar="STEPS", help="With --record: keep the contacts of every so many; default: 10 ms."),
     ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show it on a web page while it runs.")] = False,
     port: Port = 8080,
@@ -347,7 +354,7 @@ def print_result(result: dict[str, Any]) -> None:
 
 
 def replay(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording.")],
+    file: Annotated[Path, typer.Argument(metavar="RECORDING", help="What `run --record` wrote.")],
     verify: Annotated[
         bool, typer.Option("--verify", help="Simulate again and compare every state bit for bit.")
     ] = False,

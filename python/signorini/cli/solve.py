@@ -56,14 +56,18 @@ class Operator(str, Enum):
 
 
 def solve(
-    files: Annotated[list[Path], typer.Argument(metavar="FILES...", help="FCLIB files, or folders of them (*.hdf5).")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILES", help="FCLIB files, or folders of them (*.hdf5).")],
     solver: Annotated[Solver, typer.Option(help="The method; auto chooses.")] = Solver.AUTO,
     law: Annotated[Law, typer.Option(help="Signorini and Coulomb (ncp), or its convex relaxation (ccp).")] = Law.NCP,
     tolerance: Annotated[float, typer.Option(help="On the certificate, in (0, 1).")] = 1e-6,
-    max_iterations: Annotated[int | None, typer.Option(help="Of auto: factorizations. Default: its own.")] = None,
+    max_iterations: Annotated[
+        int | None, typer.Option(help="Of auto: factorizations, about. Default: the solver's own.")
+    ] = None,
     penalty_rule: Annotated[PenaltyRule, typer.Option(help="How ADMM moves rho.")] = PenaltyRule.RESIDUAL_BALANCING,
-    facets: Annotated[int, typer.Option(help="Of lcp-pgs' friction pyramid: even, 4 to 64.")] = 4,
-    impedance: Annotated[float, typer.Option(help="Of convex-newton, below 1: compliance is (1 - d) / d.")] = 0.9,
+    facets: Annotated[int, typer.Option(help="Sides of lcp-pgs' friction pyramid: even, 4 to 64.")] = 4,
+    impedance: Annotated[
+        float, typer.Option(help="Of convex-newton: d, in [0.001, 1); its compliance is (1 - d) / d.")
+    ] = 0.9,
     operator: Annotated[
         Operator | None, typer.Option(help="Explicit matrix or mass matrix; default: what the file holds.")
     ] = None,

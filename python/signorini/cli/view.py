@@ -18,10 +18,10 @@ from signorini.cli._output import report
 if TYPE_CHECKING:
     from signorini.view.looks import Looks
 
-Port = Annotated[int, typer.Option(min=0, max=65535, help="Of the page; 0 takes a free one.")]
+Port = Annotated[int, typer.Option(min=0, max=65535, help="Of the web page; 0 takes a free one.")]
 Host = Annotated[str, typer.Option(help="Address to listen on; 0.0.0.0 lets everybody in.")]
 NoOpen = Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")]
-NoShadows = Annotated[bool, typer.Option("--no-shadows", help="Fast without a graphics card.")]
+NoShadows = Annotated[bool, typer.Option("--no-shadows", help="No shadows: faster without a graphics card.")]
 
 
 def view(
@@ -33,7 +33,7 @@ def view(
     html: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write one HTML file that needs no server, and stop.")
     ] = None,
-    fps: Annotated[float, typer.Option(help="--html: frames a second, in (0, 240].")] = 30.0,
+    fps: Annotated[float, typer.Option(help="With --html: frames a second, in (0, 240].")] = 30.0,
 ) -> None:
     """Show a recording on a web page, to everybody who opens it; Ctrl-C ends.
 

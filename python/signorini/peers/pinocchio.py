@@ -100,7 +100,7 @@ def solve_pgs(
     """
     check_input(problem, law, tolerance)
     if law != "ncp":
-        raise ValueError('law: Pinocchio 4.1 solves the "ncp" by PGS whatever it is told')
+        raise signorini.InvalidInputError('law: Pinocchio 4.1 solves the "ncp" by PGS whatever it is told')
     version()
     import pinocchio as pin
 

@@ -146,9 +146,9 @@ def solve(
     """
     check_input(problem, law, tolerance)
     if law != "ncp":
-        raise ValueError('law: Siconos solves the "ncp" only')
+        raise signorini.InvalidInputError('law: Siconos solves the "ncp" only')
     if method not in METHODS:
-        raise ValueError(f'method: is "{method}", must be one of {", ".join(METHODS)}')
+        raise signorini.InvalidInputError(f'method: is "{method}", must be one of {", ".join(METHODS)}')
     worker = _worker()
     peer = f"siconos-{method}"
     order = np.arange(problem.size).reshape(-1, 3)[:, [2, 0, 1]].ravel()  # Siconos has the normal first

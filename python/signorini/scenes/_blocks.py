@@ -93,8 +93,7 @@ def capsules_box(
 
     radius, length: of the caps, and of the axis between their centres [m], each within 20 %.
     """
-    _check(length=(length, 0.0, 1e2))
-    random = _granular(size, seed, radius, density, friction)
+    random = _granular(size, seed, density, friction, radius=radius, length=length)
     radii = radius * random.uniform(0.8, 1.2, size)
     lengths = length * random.uniform(0.8, 1.2, size)
     builder, material, places, v = _bin(size, 1.25 * radius + 0.61 * length, friction, random)

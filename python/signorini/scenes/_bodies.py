@@ -6,19 +6,42 @@ Per contact a frame (t1, t2, n) with n from body A to body B, and a velocity of 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
 import signorini
+from signorini import _arrays
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 GRAVITY = 9.81  # m/s^2, along -z
 WORLD = -1  # the body index of what does not move
+
+
+def check_counts(lowest: int, **counts: Any) -> None:
+    """Raises InvalidInputError for what is no integer or below lowest."""
+    for name, value in counts.items():
+        _arrays.count(name, value, lowest)
+
+
+def check_positive(**values: Any) -> None:
+    """Raises InvalidInputError for what is no number, not positive or not finite."""
+    for name, value in values.items():
+        if not 0.0 < _arrays.number(name, value) < math.inf:
+            raise signorini.InvalidInputError(f"{name}: is {value}, must be positive and finite")
+
+
+def check_finite(**values: Any) -> None:
+    """Raises InvalidInputError for what is no number or not finite."""
+    for name, value in values.items():
+        if not math.isfinite(_arrays.number(name, value)):
+            raise signorini.InvalidInputError(f"{name}: is {value}, must be finite")
 
 
 @dataclass

@@ -8,7 +8,18 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import signorini
-from signorini.scenes._bodies import WORLD, Array, Bodies, Contacts, Indices, assemble, box_inertia
+from signorini.scenes._bodies import (
+    WORLD,
+    Array,
+    Bodies,
+    Contacts,
+    Indices,
+    assemble,
+    box_inertia,
+    check_counts,
+    check_finite,
+    check_positive,
+)
 
 _SPREAD = (0.8, 1.2)  # radii over their mean
 _MARGIN = 0.02  # a pair nearer than this many mean radii is a contact
@@ -38,19 +49,14 @@ def pile(
     balance. Contacts are what touches the ground or a wall, and the nearest pairs, with their gaps in the free
     velocity.
 
-    Raises ValueError naming the field for values out of range.
+    Raises InvalidInputError naming the field for values out of range.
     """
-    if num_contacts < 1:
-        raise ValueError(f"num_contacts: is {num_contacts}, must be at least 1")
-    for field, value in (
-        ("layers", layers),
-        ("contacts_per_sphere", contacts_per_sphere),
-        ("mass_ratio", mass_ratio),
-        ("radius", radius),
-        ("dt", dt),
-    ):
-        if value is not None and not 0.0 < value < math.inf:
-            raise ValueError(f"{field}: is {value}, must be positive and finite")
+    check_counts(1, num_contacts=num_contacts)
+    check_counts(0, seed=seed)
+    check_positive(contacts_per_sphere=contacts_per_sphere, mass_ratio=mass_ratio, radius=radius, dt=dt)
+    check_finite(speed=speed, friction=friction)
+    if layers is not None:
+        check_positive(layers=layers)
     random = np.random.default_rng(seed)
     num_spheres = max(1, math.ceil(num_contacts / contacts_per_sphere))
     height = max(1.0, (num_spheres ** (1.0 / 3.0)) if layers is None else min(layers, num_spheres))
@@ -165,10 +171,12 @@ def chain(
     end to end and hyperstatic. seed: of everything random. friction: of every contact. mass_ratio: mass of the last
     link [kg]; the first has 1 kg. speed: standard deviation of the velocities [m/s]. dt: time step [s].
 
-    Raises ValueError for less than two links.
+    Raises InvalidInputError for less than two links, or a mass ratio or step that is not positive.
     """
-    if num_links < 2:
-        raise ValueError(f"num_links: is {num_links}, must be at least 2")
+    check_counts(2, num_links=num_links)
+    check_counts(0, seed=seed)
+    check_positive(mass_ratio=mass_ratio, dt=dt)
+    check_finite(speed=speed, friction=friction)
     random = np.random.default_rng(seed)
     n = num_links - 1
     length, width, wire = 0.06, 0.04, 0.005  # outer length and width of a link, radius of its wire [m]

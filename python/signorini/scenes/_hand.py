@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from signorini import _arrays
 from signorini._core import InvalidInputError
 from signorini.scenes._worlds import (
     PAPER,
@@ -65,7 +66,7 @@ def allegro_cubes(
     if task not in NUM_CUBES:
         raise InvalidInputError(f"task: is {task}, must be 0 (hold) or 1 (turn)")
     _check(edge=(edge, 0.04, 0.055), mass=(mass, 1e-6, 1e3), squeeze=(squeeze, 0.0, 100.0))
-    num_cubes = NUM_CUBES[task] if num_cubes is None else num_cubes
+    num_cubes = NUM_CUBES[task] if num_cubes is None else _arrays.count("num_cubes", num_cubes)
     _check(num_cubes=(num_cubes, 1, 100), friction=(friction, 0.0, 1e3))
     from signorini.load import exclude_overlapping_pairs, urdf
     from signorini.load._options import Options

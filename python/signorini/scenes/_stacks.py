@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 import signorini
-from signorini.scenes._bodies import WORLD, Bodies, Contacts, assemble, box_inertia
+from signorini.scenes._bodies import (
+    WORLD,
+    Bodies,
+    Contacts,
+    assemble,
+    box_inertia,
+    check_counts,
+    check_finite,
+    check_positive,
+)
 
 
 def cube_stack(
@@ -23,13 +32,11 @@ def cube_stack(
     1 kg, those between follow geometrically. slip: tangential velocity across the top interface [m/s]; it falls
     linearly to a fifth of it on the ground. friction: of every contact. size: edge [m]. dt: time step [s].
 
-    Raises ValueError for num_cubes < 1 or a value that is not positive (slip may be anything finite).
+    Raises InvalidInputError for num_cubes < 1 or a value that is not positive (friction: 0 too; slip: anything finite).
     """
-    if num_cubes < 1:
-        raise ValueError(f"num_cubes: is {num_cubes}, must be at least 1")
-    for field, value in (("mass_ratio", mass_ratio), ("size", size), ("dt", dt)):
-        if not 0.0 < value < np.inf:
-            raise ValueError(f"{field}: is {value}, must be positive and finite")
+    check_counts(1, num_cubes=num_cubes)
+    check_positive(mass_ratio=mass_ratio, size=size, dt=dt)
+    check_finite(slip=slip, friction=friction)
     mass = np.geomspace(1.0, mass_ratio, num_cubes) if num_cubes > 1 else np.ones(1)
     velocity = np.zeros((num_cubes, 6))
     velocity[:, 0] = np.cumsum(np.linspace(0.2 * slip, slip, num_cubes) if num_cubes > 1 else [slip])
@@ -71,13 +78,14 @@ def wall(
     [kg], the bottom one's is 1 kg, geometric between. ball_mass [kg], ball_speed [m/s]: a ball that touches the middle
     of the wall's face; ball_mass = 0: no ball. size: a brick is 2 size long, size wide and high [m]. dt: time step [s].
 
-    Raises ValueError for less than one row or column or a mass ratio, size or step that is not positive.
+    Raises InvalidInputError for less than one row or column, for a mass ratio, size or step that is not positive, and
+    for a ball_mass or friction below 0.
     """
-    if min(num_rows, num_columns) < 1:
-        raise ValueError(f"num_rows, num_columns: are {num_rows}, {num_columns}, must be at least 1")
-    for field, value in (("mass_ratio", mass_ratio), ("size", size), ("dt", dt)):
-        if not 0.0 < value < np.inf:
-            raise ValueError(f"{field}: is {value}, must be positive and finite")
+    check_counts(1, num_rows=num_rows, num_columns=num_columns)
+    check_positive(mass_ratio=mass_ratio, size=size, dt=dt)
+    check_finite(ball_mass=ball_mass, ball_speed=ball_speed, friction=friction)
+    if ball_mass < 0.0:
+        raise signorini.InvalidInputError(f"ball_mass: is {ball_mass}, must be at least 0")
     row, column = (x.ravel() for x in np.meshgrid(np.arange(num_rows), np.arange(num_columns), indexing="ij"))
     left = 2.0 * size * column + size * (row % 2)
     edges = np.array([2.0 * size, size, size])

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from signorini import _arrays
 from signorini._core import InvalidInputError
 from signorini.scenes._solo import solo_controller, solo_terrain
 
@@ -55,13 +56,12 @@ class WorldScene:
     controller: Callable[[Simulator, Start, dict[str, Any]], Callable[[], None]] | None = None
 
     def __call__(self, **options: Any) -> Start:
-        """Raises InvalidInputError for an option that is not there, or a fraction where a count is due."""
+        """Raises InvalidInputError for an option that is not there, of another type, or out of range."""
         known = inspect.signature(self.make).parameters
         for option, value in options.items():
             if option not in known:
                 raise InvalidInputError(f"option: there is no {option!r}; {self.name} has {', '.join(known) or 'none'}")
-            if type(known[option].default) is int and isinstance(value, float):
-                raise InvalidInputError(f"{option}: is {value}, must be an integer")
+            _check_type(option, value, known[option].default)
         return self.make(**options)
 
 
@@ -118,7 +118,7 @@ def spheres(
     size: number of spheres, 1 to 100 000. seed: of radii (within 20 % of `radius` [m]), places and velocities.
     density [kg/m^3].
     """
-    random = _granular(size, seed, radius, density, friction)
+    random = _granular(size, seed, density, friction, radius=radius)
     radii = radius * random.uniform(0.8, 1.2, size)
     builder, material, places, v = _bin(size, 1.25 * radius, friction, random)
     for i in range(size):
@@ -132,7 +132,7 @@ def boxes(
     size: int = 100, seed: int = 0, *, edge: float = 0.1, density: float = 1000.0, friction: float = 0.5
 ) -> Start:
     """Boxes tipped into a bin: as `spheres`, with edges between 0.6 and 1.4 of `edge` [m] and random orientations."""
-    random = _granular(size, seed, edge, density, friction)
+    random = _granular(size, seed, density, friction, edge=edge)
     edges = edge * random.uniform(0.6, 1.4, (size, 3))
     builder, material, places, v = _bin(size, 0.5 * math.sqrt(3.0) * 1.42 * edge, friction, random)
     orientations = random.standard_normal((size, 4))
@@ -221,8 +221,8 @@ def ur5(q: npt.ArrayLike = (0.0, -0.3, 0.4, 0.0, 0.5, 0.0), *, ground: bool = Fa
     """The arm UR5, fixed, convex hulls of its meshes, self-collision on, unactuated: it swings. q: (6,) [rad]."""
     from signorini.load import load
 
-    start = np.array(q, dtype=np.float64)
-    if start.shape != (6,) or not np.isfinite(start).all():
+    start = _arrays.vector("q", q, 6).copy()
+    if not np.isfinite(start).all():
         raise InvalidInputError(f"q: is {q!r}, must be 6 finite numbers")
     world = load(robots_folder() / "ur_description" / "urdf" / "ur5_robot.urdf", ground=ground)
     return Start(world, start, np.zeros(world.num_v))
@@ -337,6 +337,17 @@ def gymnasium_file(name: str) -> Path:
 # Pieces
 
 
+def _check_type(option: str, value: Any, default: Any) -> None:
+    if isinstance(default, bool):
+        if not isinstance(value, (bool, int)) or value not in (0, 1):
+            raise InvalidInputError(f"{option}: is {value!r}, must be 0 or 1")
+    elif isinstance(default, int):
+        if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+            raise InvalidInputError(f"{option}: is {value!r}, must be an integer")
+    elif isinstance(default, float) or (value is not None and default is None):
+        _arrays.number(option, value)
+
+
 def _check(**options: tuple[float, float, float]) -> None:
     for name, (value, lower, upper) in options.items():
         if not lower <= value <= upper:
@@ -385,9 +396,9 @@ def _add_free(
     builder.add_geometry(name, shape, material=material, name=name)
 
 
-def _granular(size: int, seed: int, length: float, density: float, friction: float) -> np.random.Generator:
-    _check(size=(size, 1, 100_000), length=(length, 1e-4, 1e2), density=(density, 1e-3, 1e6))
-    _check(friction=(friction, 0.0, 1e3), seed=(seed, 0, 2**63))
+def _granular(size: int, seed: int, density: float, friction: float, **lengths: float) -> np.random.Generator:
+    _check(size=(size, 1, 100_000), density=(density, 1e-3, 1e6), friction=(friction, 0.0, 1e3), seed=(seed, 0, 2**63))
+    _check(**{name: (length, 1e-4, 1e2) for name, length in lengths.items()})
     return np.random.default_rng(seed)
 
 

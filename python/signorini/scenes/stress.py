@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 import signorini
+from signorini.scenes._bodies import check_finite, check_positive
 
 
 def _copy(
@@ -37,20 +38,34 @@ def _copy(
 
 
 def scaled_masses(problem: signorini.ContactProblem, factor: float) -> signorini.ContactProblem:
-    """The same problem with every mass times factor > 0: G and R over factor, impulses times factor."""
+    """The same problem with every mass times factor > 0: G and R over factor, impulses times factor.
+
+    Raises InvalidInputError for a factor that is not positive.
+    """
+    check_positive(factor=factor)
     return _copy(
         problem, mass_factor=factor, compliance=np.asarray(problem.compliance) / factor, suffix=f" masses x{factor:g}"
     )
 
 
 def with_compliance(problem: signorini.ContactProblem, fraction: float) -> signorini.ContactProblem:
-    """The same problem with R = fraction of the diagonal of G [1/kg], fraction >= 0."""
+    """The same problem with R = fraction of the diagonal of G [1/kg], fraction >= 0.
+
+    Raises InvalidInputError for a negative fraction.
+    """
+    check_finite(fraction=fraction)
+    if fraction < 0.0:
+        raise signorini.InvalidInputError(f"fraction: is {fraction}, must be at least 0")
     compliance = fraction * np.asarray(problem.delassus.diagonal())
     return _copy(problem, compliance=compliance, suffix=f" R={fraction:g}G")
 
 
 def with_friction(problem: signorini.ContactProblem, friction: float) -> signorini.ContactProblem:
-    """The same problem with this friction coefficient, >= 0, at every contact."""
+    """The same problem with this friction coefficient, >= 0, at every contact.
+
+    Raises InvalidInputError for a negative one.
+    """
+    check_finite(friction=friction)
     return _copy(problem, friction=np.full(problem.num_contacts, float(friction)), suffix=f" mu={friction:g}")
 
 

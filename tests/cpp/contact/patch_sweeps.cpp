@@ -112,7 +112,7 @@ BOOST_AUTO_TEST_CASE(patches_come_to_the_answer) {
       PatchSweeps patches;
       PatchResult result;
       BOOST_TEST_CONTEXT(operator_name(type) << ", " << contacts << " contacts") {
-        BOOST_TEST(patches.solve(scaled, 1e-7, GrowVector(Vector::Zero(scaled.size())), result));
+        BOOST_TEST(patches.solve(scaled, 1e-7, 1000, GrowVector(Vector::Zero(scaled.size())), result));
         const Residual found = residual(planted.problem, impulse_of(scaled, patches.impulse()));
         BOOST_TEST(found.relative <= 1.001e-7);
         BOOST_TEST(result.relative <= 1e-7);
@@ -130,13 +130,13 @@ BOOST_AUTO_TEST_CASE(work_is_done_where_the_error_is) {
   scaled.setup(problem, 1e-6);
   PatchSweeps patches;
   PatchResult cold, again;
-  BOOST_TEST(patches.solve(scaled, 1e-6, GrowVector(Vector::Zero(scaled.size())), cold));
+  BOOST_TEST(patches.solve(scaled, 1e-6, 1000, GrowVector(Vector::Zero(scaled.size())), cold));
   BOOST_TEST(cold.relative <= 1e-6);
   const GrowVector rest = patches.impulse();
-  patches.solve(scaled, 1e-6, rest, again);
+  patches.solve(scaled, 1e-6, 1000, rest, again);
   BOOST_TEST(again.sweeps == 0.0);
   scaled.b[3 * 7 * 50 + 2] -= 0.3;
-  patches.solve(scaled, 1e-6, rest, again);
+  patches.solve(scaled, 1e-6, 1000, rest, again);
   BOOST_TEST(again.relative <= 1e-6);
   BOOST_TEST(again.sweeps > 0.0);
   BOOST_TEST(again.sweeps < 1.0);
@@ -181,8 +181,8 @@ BOOST_AUTO_TEST_CASE(patches_leave_no_trace) {
     const GrowVector start = Random(84).vector(scaled.size());
     PatchSweeps fresh;
     PatchResult one, two;
-    used.solve(scaled, 1e-6, start, one);
-    fresh.solve(scaled, 1e-6, start, two);
+    used.solve(scaled, 1e-6, 1000, start, one);
+    fresh.solve(scaled, 1e-6, 1000, start, two);
     BOOST_TEST((used.impulse() == fresh.impulse()));
     BOOST_TEST(one.sweeps == two.sweeps);
     BOOST_TEST(one.relative <= 1e-6);
