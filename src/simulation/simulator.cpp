@@ -143,6 +143,9 @@ struct Simulator::Impl {
   void find_motion();
   void find_contacts();
   bool find_meetings(int round);
+  void keep_round();
+  void guess_from_round();
+  std::uint64_t key_of(const Assembler::Set& set) const;
   void make_guess();
   void solve_contacts();
   void solve_selected();
@@ -173,6 +176,14 @@ struct Simulator::Impl {
   Vector contact_guess, moment_guess, friction_guess, lower_guess, upper_guess, equality_guess;
   std::vector<Assembler::Set> start_sets;  // of warm_start(), for the next step
   Vector start_impulse;
+  struct RoundSet {
+    SetSource source;
+    std::uint64_t key;
+    int row;
+    Index start;
+  };
+  std::vector<RoundSet> round_sets;  // of the last round of (S18), and its answer
+  GrowVector round_impulse;
   std::vector<int> equality_start;
   int num_equality_rows = 0;
 };
@@ -300,6 +311,31 @@ void Simulator::warm_start(const std::vector<Assembler::Set>& sets, const ConstV
   impl_->start_impulse = impulse;
 }
 
+/// Begins where the last round of (S18) ended: its sets are there, in the same order, with new ones in between.
+void Simulator::Impl::guess_from_round() {
+  std::size_t k = 0;
+  for (const Assembler::Set& set : assembler.sets()) {
+    if (k == round_sets.size()) return;
+    const RoundSet& last = round_sets[k];
+    if (last.source != set.source || last.key != key_of(set) || last.row != set.row) continue;
+    impulse.segment(set.start, set.rows) = round_impulse.segment(last.start, set.rows);
+    ++k;
+  }
+}
+
+void Simulator::Impl::keep_round() {
+  round_impulse = impulse;
+  round_sets.clear();
+  for (const Assembler::Set& set : assembler.sets())
+    round_sets.push_back({set.source, key_of(set), set.row, static_cast<Index>(set.start)});
+}
+
+/// What tells sets of a source and a row apart, whatever is added.
+std::uint64_t Simulator::Impl::key_of(const Assembler::Set& set) const {
+  const bool at_point = set.source == SetSource::Contact || is_moment(set);
+  return at_point ? detector.points()[static_cast<std::size_t>(set.index)].id : static_cast<std::uint64_t>(set.index);
+}
+
 /// Solves the assembler's problem, starting from `impulse`.
 void Simulator::Impl::solve_selected() {
   guess.impulse.resize(assembler.problem().size());
@@ -319,7 +355,6 @@ void Simulator::Impl::solve_selected() {
 /// Solves the problem of the sets that act, starting from `impulse`, and again with those that its answer violates.
 void Simulator::Impl::solve_contacts() {
   const Law law = settings.solver.model_law();
-  report.iterations = report.factorizations = 0;
   sigma.resize(impulse.size());
   assembler.select(impulse, law);
   do {
@@ -345,6 +380,7 @@ void Simulator::Impl::find_contacts() {
 /// Adds what the velocity just found would run into; false if there is nothing.
 bool Simulator::Impl::find_meetings(int round) {
   if (!motions.find(dynamics, assembler.velocity())) return false;
+  keep_round();
   if (round <= kMostMeetings) return detector.add_meetings(motions.list(), settings.time_step, round == kMostMeetings);
   detector.hold_back(motions.list(), settings.time_step);
   return false;
@@ -359,10 +395,12 @@ void Simulator::Impl::find_motion() {
   dynamics.solve(free_v);
   free_v += step_v;
   find_contacts();
+  report.iterations = report.factorizations = 0;
   int round = 0;
   do {
     assembler.assemble(dynamics, step_q, step_v, free_v, detector.points());
     make_guess();
+    if (round > 0) guess_from_round();
     solve_contacts();
   } while (find_meetings(++round));
 }

@@ -431,7 +431,6 @@ class Ladder {
   bool sweep(const GrowVector* guess) {
     BlockSweeps& sweeps = w_.sweeps;
     const double target = guess ? aim_ : tolerance_;
-    const auto num_sets = static_cast<double>(problem_.sets.num_sets());
     sweeps.start(problem_, guess);
     double relative = sweeps.relative(problem_), first = relative;  // first: after one sweep
     double last[kFirstSweeps], soon = 0.0;                          // before the last ones; what more would leave

@@ -343,3 +343,28 @@ def test_a_restored_simulator_with_fast_bodies_goes_on_bit_for_bit():
     for one in (simulator, other):
         one.run(40)
     assert simulator.state_hash == other.state_hash
+
+
+def test_what_a_second_meeting_does_not_touch_is_not_solved_again():
+    """The ball slides along one plate into another, which the answer of a first problem leads to. A stack far away, with
+    nothing to start from, is in that problem and in the next one."""
+
+    def factorizations(with_ball):
+        builder = WorldBuilder()
+        builder.add_geometry("world", Box((0.5, 0.5, THIN)), position=(0.0, 0.0, -THIN), name="floor")
+        builder.add_geometry("world", Box((THIN, 0.5, 0.5)), position=(0.2, 0.0, 0.0), name="plate")
+        builder.add_geometry("world", Box((0.5, 0.5, 0.1)), position=(9.0, 0.0, -0.1))
+        for k in range(6):
+            add_box(builder, f"box-{k}", (9.0, 0.0, 0.1 + 0.2 * k), (0.1, 0.1, 0.1), (0.0, 0.0, 0.0, 1.0), mass=10.0**k)
+        add_ball(builder, "ball", (0.1, 0.0, 0.05), mass=1e-9)  # too light to move the scale of the certificate
+        simulator = Simulator(builder.build())
+        if with_ball:
+            simulator.state.v[-6:-3] = (150.0, 0.0, -60.0)
+        simulator.step()
+        assert simulator.report.status == "solved"
+        if with_ball:
+            touched = {c.geometry_a for c in simulator.contacts if c.body_b == "ball"}
+            assert touched == {"floor", "plate"}
+        return simulator.report.factorizations
+
+    assert 1 < factorizations(False) <= factorizations(True) <= factorizations(False) + 2
