@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "signorini/types.hpp"
+#include "signorini/delassus/scaled_delassus.hpp"
 
 namespace signorini {
 
@@ -47,7 +47,10 @@ class BlockLu {
   /// new analysis. A block (i, j) in values() starts where it did and has this many rows and columns.
   void set_sizes(const std::vector<int>& block_sizes);
 
-  bool factor();
+  /// Factors the matrix in values().
+  bool factor() { return factor(values_.data(), nullptr); }
+  /// The same of other values, laid out alike, with added[i], if given, added to block (i, i).
+  bool factor(const double* values, const BlockDiagonal* added);
   /// Factors a symmetric positive definite matrix, without pivoting; false when it is not that. Of blocks (i, j) and
   /// (j, i) the one below the diagonal in the order of elimination is read, so both have to be there.
   bool factor_symmetric();
@@ -83,8 +86,8 @@ class BlockLu {
     bool lower;  // needed by factor_symmetric()
   };
 
-  void copy_in(const Entry& entry) {
-    const double* from = values_.data() + entry.value;
+  void copy_in(const double* values, const Entry& entry) {
+    const double* from = values + entry.value;
     double* to = factors_.data() + entry.target;
     if (entry.rows == 3 && entry.columns == 3) {  // by far the most
       for (int c = 0; c < 3; ++c, to += entry.stride, from += 3) to[0] = from[0], to[1] = from[1], to[2] = from[2];

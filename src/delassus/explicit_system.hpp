@@ -110,7 +110,11 @@ class ExplicitSystem final : public ScaledDelassus {
 
   // from a sparse matrix
   std::unique_ptr<Analysis> sparse_;
-  std::vector<Index> targets_;  ///< for each stored entry of G, where it goes in a_
+  struct Run {
+    Index target;  ///< in a_
+    int count;     ///< stored entries of a column of G one below the other, of one block
+  };
+  std::vector<Run> runs_;
   std::vector<int> outer_, inner_;
 };
 
