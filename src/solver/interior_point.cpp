@@ -191,6 +191,25 @@ void InteriorPoint::evaluate() {
   mu_ = complementarity(0.0) / std::max<double>(1.0, static_cast<double>(elements_.size()));
 }
 
+bool InteriorPoint::settled() const {
+  for (std::size_t i = 0; i < elements_.size(); ++i) {
+    const Element& e = elements_[i];
+    const ConeBlock& cones = block_of(i);
+    const std::size_t k = i % ConeBlock::kWidth;
+    const double x0 = cones.x[0][k], z0 = cones.z[0][k];
+    if (e.line) {
+      if ((x0 > z0) != (x0 > e.sign * t_[e.row])) return false;
+      continue;
+    }
+    const double x1 = cones.x[1][k], x2 = cones.x[2][k], z1 = cones.z[1][k], z2 = cones.z[2][k];
+    const double xt = std::sqrt(x1 * x1 + x2 * x2), zt = std::sqrt(z1 * z1 + z2 * z2);
+    const bool open = x0 + xt < z0 - zt, sticks = z0 + zt < x0 - xt;
+    const double a0 = l_[e.row] - t_[e.row], a1 = l_[e.row + 1] - t_[e.row + 1], a2 = l_[e.row + 2] - t_[e.row + 2];
+    if (open != (a2 <= 0.0) || sticks != (a2 > 0.0 && std::sqrt(a0 * a0 + a1 * a1) <= e.friction * a2)) return false;
+  }
+  return true;
+}
+
 bool InteriorPoint::factor() {
   const double theta = law_ == Law::Ccp ? 0.0 : theta_;
   for (Eigen::Matrix3d& block : x_) block.setZero();
