@@ -281,6 +281,7 @@ void BlockLu::analyze(const std::vector<int>& block_sizes, const BlockLists& nei
   }
   // Number the remaining supernodes in postorder, and the blocks along.
   std::vector<int> kept, index(nodes.size(), -1), node_parent;
+  kept.reserve(nodes.size()), node_parent.reserve(nodes.size());
   for (int s = 0; s < num_nodes; ++s)
     if (representative[s] == s) index[s] = static_cast<int>(kept.size()), kept.push_back(s);
   for (const int s : kept) node_parent.push_back(nodes[s].parent < 0 ? -1 : index[find(nodes[s].parent)]);

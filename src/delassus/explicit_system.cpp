@@ -15,11 +15,11 @@ constexpr std::size_t kAnalyses = 16;  // patterns remembered
 }  // namespace
 
 void ExplicitSystem::take_sizes(const ConstraintSets& sets) {
-  sizes_.clear();
-  offsets_.clear();
-  for (const ConstraintSet& set : sets) {
-    sizes_.push_back(static_cast<int>(set.size()));
-    offsets_.push_back(static_cast<int>(set.offset));
+  sizes_.resize(static_cast<std::size_t>(sets.num_sets()));
+  offsets_.resize(sizes_.size());
+  for (Index i = 0; i < sets.num_sets(); ++i) {
+    sizes_[i] = static_cast<int>(sets[i].size());
+    offsets_[i] = static_cast<int>(sets[i].offset);
   }
   size_ = sets.size();
   active_.reserve(sizes_.size());  // what factor_reduced needs at most

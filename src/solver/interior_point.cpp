@@ -36,11 +36,11 @@ void InteriorPoint::start(ScaledProblem& problem, Law law, const GrowVector* l_g
   problem_ = &problem;
   law_ = law;
   elements_.clear();
+  elements_.reserve(static_cast<std::size_t>(problem.sets.num_sets()));
   fixed_.assign(static_cast<std::size_t>(n), 0);
   any_fixed_ = false;
   for (GrowVector* v : {&l_, &t_, &natural_, &residual_, &rhs_}) v->setZero(n);
   x_.resize(static_cast<std::size_t>(problem.sets.num_sets()));
-  y_.resize(x_.size());
   iterations_ = factorizations_ = negatives_ = hold_ = 0;
   hold_length_ = kHold;
   step_ = 1.0;
@@ -96,6 +96,7 @@ void InteriorPoint::start(ScaledProblem& problem, Law law, const GrowVector* l_g
     }
   }
 
+  if (any_fixed_) y_.resize(x_.size());
   arrange_cones();
   const double dual = 1.0 + (n > 0 ? problem.b.cwiseAbs().maxCoeff() : 0.0);
   // Around a guess and its velocity, as far inside the cones as the guess is off.

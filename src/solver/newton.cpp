@@ -244,16 +244,14 @@ void expand(const ScaledProblem& problem, const std::vector<ReducedSet>& sets, c
 }  // namespace
 
 void NewtonMemory::resize(Index size, Index num_sets) {
-  for (GrowVector* v : {&l, &t, &natural, &direction, &trial, &trial_t, &trial_natural, &best, &jump, &rhs, &centre,
-                        &nearest, &last, &move})
+  for (GrowVector* v : {&l, &t, &natural, &direction, &trial, &trial_t, &trial_natural, &best, &jump, &rhs})
     v->resize(size);
   reduced.resize(static_cast<std::size_t>(num_sets));
-  x.resize(static_cast<std::size_t>(num_sets));
-  y.resize(static_cast<std::size_t>(num_sets));
 }
 
 NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance, int max_iterations, NewtonMemory& m,
                                const IterateObserver& observe) {
+  m.x.resize(m.reduced.size()), m.y.resize(m.reduced.size());
   const NoMalloc guard;
   NewtonResult result;
   const auto evaluate = [&](const GrowVector& l, GrowVector& t, GrowVector& natural) {
@@ -422,6 +420,7 @@ NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance
                                         int patience, NewtonMemory& m, const IterateObserver& observe,
                                         BlockSweeps* sweeps) {
   if (sweeps) sweeps->start(problem, &m.l);  // allocates
+  for (GrowVector* v : {&m.centre, &m.nearest, &m.last, &m.move}) v->resize(m.l.size());
   const NoMalloc guard;
   NewtonResult result;
   const auto evaluate = [&](const GrowVector& l) {

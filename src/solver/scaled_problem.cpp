@@ -11,6 +11,7 @@ void ScaledProblem::take(const ContactProblem& problem, const std::vector<int>* 
   share_weight = tolerance / Residual::largest_share(tolerance);
   const Index count = part ? static_cast<Index>(part->size()) : problem.num_sets();
   sets.clear();
+  sets.reserve(count);
   for (Index i = 0; i < count; ++i) sets.add(problem.sets()[part ? (*part)[i] : i]);
   for (GrowVector* v : {&scale, &b, &compliance_}) v->resize(sets.size());
   double largest = 0.0;
