@@ -424,16 +424,22 @@ void backward_in_registers(int p, int u, const double* l, const double* up, doub
 #pragma GCC unroll 3
   for (int v = 0; v < MV; ++v) z[v] = _mm512_add_pd(z[v], other[v]);
 #pragma GCC unroll 3
-  for (int from = MV - 1; from >= 0; --from)
-    for (int k = (p < (from + 1) * W ? p : (from + 1) * W) - 1; k >= from * W; --k) {
+  for (int from = MV - 1; from >= 0; --from) {
+    const int last = p < (from + 1) * W ? p : (from + 1) * W;
+    // The rows of U over its diagonal, so that one unknown waits for another no longer than need be.
+    V inverses = zero();
+    for (int k = from * W; k < last; ++k)
+      inverses = _mm512_mask_mov_pd(inverses, mask(1U << k % W), spread(l[k * n + k]));
+    z[from] = product(z[from], inverses);
+    for (int k = last - 1; k >= from * W; --k) {
       const double* column = l + k * n;
-      const V zk = product(_mm512_permutexvar_pd(_mm512_set1_epi64(k % W), z[from]), spread(column[k]));
-      const unsigned bit = 1U << k % W;
-      z[from] = _mm512_mask_mov_pd(z[from], mask(bit), zk);
-      z[from] = minus_product(z[from], _mm512_maskz_loadu_pd(mask(bit - 1U), column + from * W), zk);
+      const V zk = _mm512_permutexvar_pd(_mm512_set1_epi64(k % W), z[from]);
+      const V row = product(_mm512_maskz_loadu_pd(mask((1U << k % W) - 1U), column + from * W), inverses);
+      z[from] = minus_product(z[from], row, zk);
 #pragma GCC unroll 3
       for (int v = 0; v < from; ++v) z[v] = minus_product(z[v], load(column + v * W), zk);
     }
+  }
 #pragma GCC unroll 3
   for (int v = 0; v < MV; ++v) _mm512_mask_storeu_pd(x + v * W, rows_before(p, v), z[v]);
 }
