@@ -494,7 +494,29 @@ void BlockLu::extend_add_symmetric(const Supernode& super, double*& top) {
   }
 }
 
-bool BlockLu::factor(const double* values, const BlockDiagonal* added) {
+void BlockLu::assemble(const Supernode& super, const double* values, double* fronts) const {
+  const std::size_t count = static_cast<std::size_t>(super.pivots + 2 * super.updates) * super.pivots;  // U follows L
+  std::memset(fronts + super.lower, 0, count * sizeof(double));
+  for (Index e = super.entries_begin; e < super.entries_end; ++e) copy_in(values, entries_[e], fronts);
+}
+
+void BlockLu::assemble(const double* values, double* fronts) const {
+  for (const Supernode& super : supernodes_) assemble(super, values, fronts);
+}
+
+void BlockLu::add_diagonal(const Supernode& super, const BlockDiagonal& added) {
+  const int n = super.pivots + super.updates;
+  for (int k = super.blocks; k < super.blocks + super.pivot_blocks; ++k) {
+    const int size = sizes_[front_blocks_[k]];
+    const Eigen::Matrix3d& x = added[static_cast<std::size_t>(front_blocks_[k])];
+    double* to = factors_.data() + super.lower + static_cast<Index>(front_rows_[k]) * (n + 1);
+    for (int c = 0; c < size; ++c, to += n)
+      for (int r = 0; r < size; ++r) to[r] += x(r, c);
+  }
+}
+
+template <typename Assemble>
+bool BlockLu::factor_fronts(Assemble&& assemble) {
   make_room();
   const DenseKernels& kernels = dense_kernels();
   sign_ = 1;
@@ -505,18 +527,8 @@ bool BlockLu::factor(const double* values, const BlockDiagonal* added) {
     double* l = factors_.data() + super.lower;
     double* up = factors_.data() + super.upper;
     double* schur = schur_.data();
-    std::memset(l, 0, static_cast<std::size_t>(p + 2 * u) * p * sizeof(double));  // and U, which follows
     if (u > 0) std::memset(schur, 0, static_cast<std::size_t>(u) * u * sizeof(double));
-    for (Index e = super.entries_begin; e < super.entries_end; ++e) copy_in(values, entries_[e]);
-    if (added) {
-      for (int k = super.blocks; k < super.blocks + super.pivot_blocks; ++k) {
-        const int block = front_blocks_[k], size = sizes_[block];
-        const Eigen::Matrix3d& x = (*added)[static_cast<std::size_t>(block)];
-        double* to = l + static_cast<Index>(front_rows_[k]) * (p + u + 1);
-        for (int c = 0; c < size; ++c, to += p + u)
-          for (int r = 0; r < size; ++r) to[r] += x(r, c);
-      }
-    }
+    assemble(super);
     extend_add(super, top);
     const int sign = p == 0 ? 1 : kernels.factor_front(p, u, l, up, schur, pivots_.data() + super.first);
     if (sign == 0) {
@@ -528,6 +540,18 @@ bool BlockLu::factor(const double* values, const BlockDiagonal* added) {
     top += static_cast<Index>(u) * u;
   }
   return true;
+}
+
+bool BlockLu::factor() {
+  return factor_fronts([&](const Supernode& super) { assemble(super, values_.data(), factors_.data()); });
+}
+
+bool BlockLu::factor(const double* fronts, const BlockDiagonal& added) {
+  return factor_fronts([&](const Supernode& super) {
+    const std::size_t count = static_cast<std::size_t>(super.pivots + 2 * super.updates) * super.pivots;
+    std::memcpy(factors_.data() + super.lower, fronts + super.lower, count * sizeof(double));
+    add_diagonal(super, added);
+  });
 }
 
 bool BlockLu::factor_symmetric() {
@@ -543,7 +567,7 @@ bool BlockLu::factor_symmetric() {
     std::memset(l, 0, static_cast<std::size_t>(p + u) * p * sizeof(double));
     if (u > 0) std::memset(schur, 0, static_cast<std::size_t>(u) * u * sizeof(double));
     for (Index e = super.entries_begin; e < super.entries_end; ++e)
-      if (entries_[e].lower) copy_in(values_.data(), entries_[e]);
+      if (entries_[e].lower) copy_in(values_.data(), entries_[e], factors_.data());
     extend_add_symmetric(super, top);
     if (p > 0 && kernels.factor_symmetric_front(p, u, l, factors_.data() + super.upper, schur) == 0) {
       sign_ = 0;

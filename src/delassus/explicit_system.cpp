@@ -8,9 +8,10 @@
 namespace signorini {
 namespace {
 
-constexpr int kDenseRows = 36;         // up to this size a dense factorisation is as fast as any
-constexpr double kDenseShare = 0.6;    // of the blocks that are there, beyond which G is called dense
-constexpr std::size_t kAnalyses = 16;  // patterns remembered
+constexpr int kDenseRows = 36;          // up to this size a dense factorisation is as fast as any
+constexpr double kDenseShare = 0.6;     // of the blocks that are there, beyond which G is called dense
+constexpr std::size_t kAnalyses = 16;   // patterns remembered
+constexpr Index kFewEntries = 1 << 17;  // of L and U, up to which A is kept assembled in their place
 
 }  // namespace
 
@@ -26,7 +27,13 @@ void ExplicitSystem::take_sizes(const ConstraintSets& sets) {
   reduced_sizes_.reserve(sizes_.size());
   columns_.reserve(static_cast<std::size_t>(2 * size_));
   x_.reserve(static_cast<std::size_t>(size_));
+  assembled_ = false;
   pivots_.reserve(static_cast<std::size_t>(size_));
+}
+
+void ExplicitSystem::reserve_fronts() {
+  const Index count = analysis_->lu.num_factor_entries();
+  if (count <= kFewEntries) fronts_.resize(static_cast<std::size_t>(count));
 }
 
 bool ExplicitSystem::same_pattern(const SparseMatrix& matrix, const ConstraintSets& sets) const {
@@ -93,6 +100,7 @@ void ExplicitSystem::setup(const SparseMatrix& matrix, const ConstraintSets& set
   if (!same_pattern(matrix, sets)) analyze(matrix, sets);
   dense_ = false;
   analysis_ = sparse_.get();
+  reserve_fronts();
   a_.resize(analysis_->lu.values().size());
   std::fill(a_.begin(), a_.end(), 0.0);
   const double* values = matrix.valuePtr();
@@ -239,6 +247,7 @@ void ExplicitSystem::setup(const ConstraintSets& sets, const ConstVectorRef& sca
     return;
   }
   find_analysis();
+  reserve_fronts();
   const std::vector<BlockLu::Pair>& pairs = analysis_->lu.pairs();
   a_.resize(analysis_->lu.values().size());
   for (std::size_t i = 0; i < sizes_.size(); ++i) {
@@ -426,7 +435,17 @@ bool ExplicitSystem::factor(const BlockDiagonal& x) {
   }
   BlockLu& lu = analysis_->lu;
   lu.set_sizes(sizes_);
-  return lu.factor(a_.data(), &x);
+  if (lu.num_factor_entries() <= kFewEntries) {
+    if (!assembled_) {
+      lu.assemble(a_.data(), fronts_.data());
+      assembled_ = true;
+    }
+    return lu.factor(fronts_.data(), x);
+  }
+  std::copy(a_.begin(), a_.end(), lu.values().begin());
+  for (const BlockLu::Pair& pair : lu.pairs())
+    if (pair.i == pair.j) add_block(x[pair.i], lu.values().data() + pair.lower, sizes_[pair.i], sizes_[pair.i]);
+  return lu.factor();
 }
 
 void ExplicitSystem::solve(VectorRef rhs) const {

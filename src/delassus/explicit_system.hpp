@@ -71,6 +71,7 @@ class ExplicitSystem final : public ScaledDelassus {
   };
 
   void take_sizes(const ConstraintSets& sets);
+  void reserve_fronts();
   bool same_pattern(const SparseMatrix& matrix, const ConstraintSets& sets) const;
   void analyze(const SparseMatrix& matrix, const ConstraintSets& sets);
   void find_analysis();
@@ -107,6 +108,9 @@ class ExplicitSystem final : public ScaledDelassus {
   Analysis* analysis_ = nullptr;
   std::vector<std::unique_ptr<Analysis>> analyses_;
   long uses_ = 0;
+
+  std::vector<double> fronts_;  ///< A as BlockLu::assemble() has it, where that is small
+  bool assembled_ = false;
 
   // from a sparse matrix
   std::unique_ptr<Analysis> sparse_;
