@@ -235,9 +235,12 @@ inline void swap_rows(V (&a)[kPanel][MV], int k, int r) {
   }
 }
 
-/// factor_panel() of at most MV vectors a column, in registers; of a symmetric positive definite matrix by its lower
-/// triangle, without pivoting, when Symmetric.
-template <int MV, bool Symmetric>
+enum class Pivots { Sought, OnDiagonal, Symmetric };
+constexpr double kLargestMultiplier = 100.0;  // with which pivots stay on the diagonal
+
+/// factor_panel() of at most MV vectors a column, in registers: with the largest pivots; or with those on the diagonal,
+/// 0 and nothing written where they are too small; or of a symmetric positive definite matrix by its lower triangle.
+template <int MV, Pivots How>
 int factor_panel_in_registers(int width, int p, int n, double* l, int ldl, int* pivots) {
   const __mmask8 tail = mask((1U << (n - (MV - 1) * W)) - 1U);
   V a[kPanel][MV], inverses = spread(1.0);
@@ -247,10 +250,11 @@ int factor_panel_in_registers(int width, int p, int n, double* l, int ldl, int* 
     for (int v = 0; v < MV; ++v)
       a[j][v] = j < width ? _mm512_maskz_loadu_pd(v == MV - 1 ? tail : mask(0xff), l + j * ldl + v * W) : zero();
   int sign = 1;
+  [[maybe_unused]] __mmask8 too_large = 0;
 #pragma GCC unroll 8
   for (int k = 0; k < kPanel; ++k) {
     if (k >= width) break;
-    if constexpr (!Symmetric) {
+    if constexpr (How == Pivots::Sought) {
       const unsigned candidates = (1U << p) - (1U << k);
       V best = _mm512_maskz_mov_pd(mask(candidates), _mm512_abs_pd(a[k][0]));
 #pragma GCC unroll 3
@@ -276,7 +280,7 @@ int factor_panel_in_registers(int width, int p, int n, double* l, int ldl, int* 
     }
     const __m512i row = _mm512_set1_epi64(k);
     const V value = _mm512_permutexvar_pd(row, a[k][0]), inverse = _mm512_div_pd(spread(1.0), value);
-    if constexpr (Symmetric) {
+    if constexpr (How == Pivots::Symmetric) {
       const double pivot = _mm512_cvtsd_f64(value);
       if (!(pivot > 0.0 && pivot < 1e300)) return 0;
 #pragma GCC unroll 8
@@ -292,12 +296,25 @@ int factor_panel_in_registers(int width, int p, int n, double* l, int ldl, int* 
     a[k][0] = _mm512_mask_mov_pd(a[k][0], below, factor[0]);
 #pragma GCC unroll 3
     for (int v = 1; v < MV; ++v) a[k][v] = factor[v] = product(a[k][v], inverse);
+    if constexpr (How == Pivots::OnDiagonal) {
+#pragma GCC unroll 3
+      for (int v = 0; v < MV; ++v)
+        too_large |= _mm512_mask_cmp_pd_mask(mask(((1U << p) - 1U) >> v * W), _mm512_abs_pd(factor[v]),
+                                             spread(kLargestMultiplier), _CMP_NLE_UQ);
+    }
 #pragma GCC unroll 8
     for (int j = k + 1; j < kPanel; ++j) {
       const V u = _mm512_permutexvar_pd(row, a[j][0]);
 #pragma GCC unroll 3
       for (int v = 0; v < MV; ++v) a[j][v] = minus_product(a[j][v], factor[v], u);
     }
+  }
+  if constexpr (How == Pivots::OnDiagonal) {
+    const V size = _mm512_abs_pd(inverses);
+    if (too_large || _mm512_cmp_pd_mask(size, spread(1e300), _CMP_NLE_UQ) ||
+        _mm512_cmp_pd_mask(size, spread(1e-300), _CMP_NGT_UQ))
+      return 0;
+    for (int k = 0; k < width; ++k) pivots[k] = k;
   }
 #pragma GCC unroll 8
   for (int j = 0; j < kPanel; ++j) {
@@ -454,13 +471,19 @@ void eliminate_columns(int width, int n, const double* l, int ldl, int count, do
     eliminate_in_registers<MV, 1>(width, n, l, ldl, 1, b, ldb);
 }
 
+template <Pivots How>
+int factor_top(int width, int p, int top, double* l, int ldl, int* pivots) {
+  return top <= W       ? factor_panel_in_registers<1, How>(width, p, top, l, ldl, pivots)
+         : top <= 2 * W ? factor_panel_in_registers<2, How>(width, p, top, l, ldl, pivots)
+                        : factor_panel_in_registers<3, How>(width, p, top, l, ldl, pivots);
+}
+
 /// factor_panel() of p <= 24, and factor_symmetric_panel().
 template <bool Symmetric>
 int factor_small_panel(int width, int p, int n, double* l, int ldl, int* pivots) {
   const int top = n < kRegisters * W ? n : kRegisters * W;
-  const int sign = top <= W       ? factor_panel_in_registers<1, Symmetric>(width, p, top, l, ldl, pivots)
-                   : top <= 2 * W ? factor_panel_in_registers<2, Symmetric>(width, p, top, l, ldl, pivots)
-                                  : factor_panel_in_registers<3, Symmetric>(width, p, top, l, ldl, pivots);
+  int sign = factor_top<Symmetric ? Pivots::Symmetric : Pivots::OnDiagonal>(width, p, top, l, ldl, pivots);
+  if (!Symmetric && sign == 0) sign = factor_top<Pivots::Sought>(width, p, top, l, ldl, pivots);
   if (sign == 0) return 0;
   int first = top;
   for (; first + 2 * W < n; first += 3 * W) divide_rows<3>(width, first, n - first < 3 * W ? n - first : 3 * W, l, ldl);
