@@ -516,7 +516,7 @@ void BlockLu::add_diagonal(const Supernode& super, const BlockDiagonal& added) {
 }
 
 template <typename Assemble>
-bool BlockLu::factor_fronts(Assemble&& assemble) {
+bool BlockLu::factor_fronts(bool on_diagonal, Assemble&& assemble) {
   make_room();
   const DenseKernels& kernels = dense_kernels();
   sign_ = 1;
@@ -530,7 +530,7 @@ bool BlockLu::factor_fronts(Assemble&& assemble) {
     if (u > 0) std::memset(schur, 0, static_cast<std::size_t>(u) * u * sizeof(double));
     assemble(super);
     extend_add(super, top);
-    const int sign = p == 0 ? 1 : kernels.factor_front(p, u, l, up, schur, pivots_.data() + super.first);
+    const int sign = p == 0 ? 1 : kernels.factor_front(p, u, l, up, schur, pivots_.data() + super.first, on_diagonal);
     if (sign == 0) {
       sign_ = 0;
       return false;
@@ -543,11 +543,11 @@ bool BlockLu::factor_fronts(Assemble&& assemble) {
 }
 
 bool BlockLu::factor() {
-  return factor_fronts([&](const Supernode& super) { assemble(super, values_.data(), factors_.data()); });
+  return factor_fronts(false, [&](const Supernode& super) { assemble(super, values_.data(), factors_.data()); });
 }
 
 bool BlockLu::factor(const double* fronts, const BlockDiagonal& added) {
-  return factor_fronts([&](const Supernode& super) {
+  return factor_fronts(true, [&](const Supernode& super) {
     const std::size_t count = static_cast<std::size_t>(super.pivots + 2 * super.updates) * super.pivots;
     std::memcpy(factors_.data() + super.lower, fronts + super.lower, count * sizeof(double));
     add_diagonal(super, added);

@@ -51,7 +51,7 @@ class BlockLu {
   bool factor();
   /// Puts values laid out like values() where factor(fronts, added) takes them from: num_factor_entries() of them.
   void assemble(const double* values, double* fronts) const;
-  /// Factors what is assembled, with added[i] added to block (i, i).
+  /// Factors what is assembled, with added[i] added to block (i, i): for diagonal blocks that mostly make good pivots.
   bool factor(const double* fronts, const BlockDiagonal& added);
   /// Factors a symmetric positive definite matrix, without pivoting; false when it is not that. Of blocks (i, j) and
   /// (j, i) the one below the diagonal in the order of elimination is read, so both have to be there.
@@ -101,7 +101,7 @@ class BlockLu {
   void assemble(const Supernode& super, const double* values, double* fronts) const;
   void add_diagonal(const Supernode& super, const BlockDiagonal& added);
   template <typename Assemble>
-  bool factor_fronts(Assemble&& assemble);
+  bool factor_fronts(bool on_diagonal, Assemble&& assemble);
   void extend_add(const Supernode& super, double*& top);
   void extend_add_symmetric(const Supernode& super, double*& top);
 

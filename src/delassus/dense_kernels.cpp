@@ -236,7 +236,7 @@ inline void swap_rows(V (&a)[kPanel][MV], int k, int r) {
 }
 
 enum class Pivots { Sought, OnDiagonal, Symmetric };
-constexpr double kLargestMultiplier = 100.0;  // with which pivots stay on the diagonal
+constexpr double kLargestMultiplier = 10.0;  // with which pivots stay on the diagonal
 
 /// factor_panel() of at most MV vectors a column, in registers: with the largest pivots; or with those on the diagonal,
 /// 0 and nothing written where they are too small; or of a symmetric positive definite matrix by its lower triangle.
@@ -480,9 +480,10 @@ int factor_top(int width, int p, int top, double* l, int ldl, int* pivots) {
 
 /// factor_panel() of p <= 24, and factor_symmetric_panel().
 template <bool Symmetric>
-int factor_small_panel(int width, int p, int n, double* l, int ldl, int* pivots) {
+int factor_small_panel(int width, int p, int n, double* l, int ldl, int* pivots, bool on_diagonal) {
   const int top = n < kRegisters * W ? n : kRegisters * W;
-  int sign = factor_top<Symmetric ? Pivots::Symmetric : Pivots::OnDiagonal>(width, p, top, l, ldl, pivots);
+  constexpr Pivots first_try = Symmetric ? Pivots::Symmetric : Pivots::OnDiagonal;
+  int sign = on_diagonal ? factor_top<first_try>(width, p, top, l, ldl, pivots) : 0;
   if (!Symmetric && sign == 0) sign = factor_top<Pivots::Sought>(width, p, top, l, ldl, pivots);
   if (sign == 0) return 0;
   int first = top;
@@ -497,9 +498,9 @@ int factor_small_panel(int width, int p, int n, double* l, int ldl, int* pivots)
 
 /// LU of a panel of `width` columns and n rows, pivots among the first p; the diagonal of U is stored inverted. Returns
 /// the sign of its determinant as factor_front() does.
-int factor_panel(int width, int p, int n, double* l, int ldl, int* pivots) {
+int factor_panel(int width, int p, int n, double* l, int ldl, int* pivots, [[maybe_unused]] bool on_diagonal) {
 #if defined(__AVX512F__)
-  if (p <= kRegisters * W) return factor_small_panel<false>(width, p, n, l, ldl, pivots);
+  if (p <= kRegisters * W) return factor_small_panel<false>(width, p, n, l, ldl, pivots, on_diagonal);
 #endif
   int sign = 1;
   for (int k = 0; k < width; ++k) {
@@ -540,7 +541,7 @@ int factor_panel(int width, int p, int n, double* l, int ldl, int* pivots) {
 /// LU of a panel of a symmetric positive definite matrix, from its lower triangle; 0 when it is not that.
 int factor_symmetric_panel(int width, int n, double* l, int ldl) {
 #if defined(__AVX512F__)
-  return factor_small_panel<true>(width, width, n, l, ldl, nullptr);
+  return factor_small_panel<true>(width, width, n, l, ldl, nullptr, true);
 #else
   for (int k = 0; k < width; ++k) {
     double* column = l + k * ldl;
@@ -715,12 +716,12 @@ void multiply_blocks(int n, const int* first, const DenseKernels::BlockAt* block
 
 void symmetric_product(int n, int k, const double* a, double* c) { lower_minus<true>(n, 0, k, a, n, a, n, 1, c, n); }
 
-int factor_front(int p, int u, double* l, double* up, double* s, int* pivots) {
+int factor_front(int p, int u, double* l, double* up, double* s, int* pivots, [[maybe_unused]] bool on_diagonal) {
   const int n = p + u;
   int sign = 1;
   for (int k0 = 0; k0 < p; k0 += kPanel) {
     const int k1 = k0 + kPanel < p ? k0 + kPanel : p;
-    const int panel_sign = factor_panel(k1 - k0, p - k0, n - k0, l + k0 * n + k0, n, pivots + k0);
+    const int panel_sign = factor_panel(k1 - k0, p - k0, n - k0, l + k0 * n + k0, n, pivots + k0, on_diagonal);
     if (panel_sign == 0) return 0;
     sign *= panel_sign;
     for (int k = k0; k < k1; ++k) pivots[k] += k0;

@@ -391,9 +391,9 @@ bool ExplicitSystem::factor_dense() {
   symmetric_ = false;
   pivots_.resize(static_cast<std::size_t>(rows_));
   x_.resize(static_cast<std::size_t>(std::max(rows_, size_)));
-  sign_ = rows_ == 0
-              ? 1
-              : dense_kernels().factor_front(static_cast<int>(rows_), 0, k_.data(), nullptr, nullptr, pivots_.data());
+  sign_ = rows_ == 0 ? 1
+                     : dense_kernels().factor_front(static_cast<int>(rows_), 0, k_.data(), nullptr, nullptr,
+                                                    pivots_.data(), false);
   return sign_ != 0;
 }
 
