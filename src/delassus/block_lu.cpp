@@ -546,8 +546,8 @@ bool BlockLu::factor() {
   return factor_fronts(false, [&](const Supernode& super) { assemble(super, values_.data(), factors_.data()); });
 }
 
-bool BlockLu::factor(const double* fronts, const BlockDiagonal& added) {
-  return factor_fronts(true, [&](const Supernode& super) {
+bool BlockLu::factor(const double* fronts, const BlockDiagonal& added, bool on_diagonal) {
+  return factor_fronts(on_diagonal, [&](const Supernode& super) {
     const std::size_t count = static_cast<std::size_t>(super.pivots + 2 * super.updates) * super.pivots;
     std::memcpy(factors_.data() + super.lower, fronts + super.lower, count * sizeof(double));
     add_diagonal(super, added);

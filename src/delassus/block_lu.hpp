@@ -51,8 +51,8 @@ class BlockLu {
   bool factor();
   /// Puts values laid out like values() where factor(fronts, added) takes them from: num_factor_entries() of them.
   void assemble(const double* values, double* fronts) const;
-  /// Factors what is assembled, with added[i] added to block (i, i): for diagonal blocks that mostly make good pivots.
-  bool factor(const double* fronts, const BlockDiagonal& added);
+  /// Factors what is assembled, with added[i] added to block (i, i). on_diagonal: as the kernels have it.
+  bool factor(const double* fronts, const BlockDiagonal& added, bool on_diagonal);
   /// Factors a symmetric positive definite matrix, without pivoting; false when it is not that. Of blocks (i, j) and
   /// (j, i) the one below the diagonal in the order of elimination is read, so both have to be there.
   bool factor_symmetric();

@@ -236,7 +236,7 @@ inline void swap_rows(V (&a)[kPanel][MV], int k, int r) {
 }
 
 enum class Pivots { Sought, OnDiagonal, Symmetric };
-constexpr double kLargestMultiplier = 10.0;  // with which pivots stay on the diagonal
+constexpr double kLargestMultiplier = 100.0;  // with which pivots stay on the diagonal
 
 /// factor_panel() of at most MV vectors a column, in registers: with the largest pivots; or with those on the diagonal,
 /// 0 and nothing written where they are too small; or of a symmetric positive definite matrix by its lower triangle.

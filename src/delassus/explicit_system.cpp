@@ -423,7 +423,7 @@ bool ExplicitSystem::factor(const BlockDiagonal& x, const BlockDiagonal& y) {
   return lu.factor();
 }
 
-bool ExplicitSystem::factor(const BlockDiagonal& x) {
+bool ExplicitSystem::factor(const BlockDiagonal& x, bool rough) {
   if (dense_) {
     const auto n = static_cast<int>(size_);
     k_.resize(a_.size());
@@ -440,7 +440,7 @@ bool ExplicitSystem::factor(const BlockDiagonal& x) {
       lu.assemble(a_.data(), fronts_.data());
       assembled_ = true;
     }
-    return lu.factor(fronts_.data(), x);
+    return lu.factor(fronts_.data(), x, rough);
   }
   std::copy(a_.begin(), a_.end(), lu.values().begin());
   for (const BlockLu::Pair& pair : lu.pairs())

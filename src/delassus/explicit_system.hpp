@@ -40,7 +40,7 @@ class ExplicitSystem final : public ScaledDelassus {
   Index size() const override { return size_; }
   void apply(const ConstVectorRef& x, VectorRef y) const override;
   bool factor(const BlockDiagonal& x, const BlockDiagonal& y) override;
-  bool factor(const BlockDiagonal& x) override;
+  bool factor(const BlockDiagonal& x, bool rough = false) override;
   int determinant_sign() const override { return dense_ ? sign_ : analysis_->lu.determinant_sign(); }
   void solve(VectorRef rhs) const override;
   bool reduces() const override { return true; }

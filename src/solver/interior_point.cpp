@@ -18,6 +18,7 @@ namespace signorini {
 namespace {
 
 constexpr double kToBoundary = 0.99;
+constexpr double kRough = 1e-5;  // certificate above which a few digits do not matter
 constexpr double kLateCentring = 0.1;
 constexpr int kLateIteration = 20;   // iterations after which centring is never less than kLateCentring
 constexpr int kHold = 8;             // iterations that a reduced theta is held, doubled at each recurrence
@@ -236,7 +237,7 @@ bool InteriorPoint::factor() {
         mu * (h01 - u1 * h11 - u2 * h12), mu * (h02 - u1 * h12 - u2 * h22), mu * mu * (h00 - u1 * h01 - u2 * h02);
   }
   ++factorizations_;
-  if (!any_fixed_) return problem_->system->factor(x_);
+  if (!any_fixed_) return problem_->system->factor(x_, relative_ > kRough);
   for (Index i = 0; i < problem_->sets.num_sets(); ++i) {  // a fixed row reads dl = 0
     const ConstraintSet& set = problem_->sets[i];
     Eigen::Matrix3d& y = y_[static_cast<std::size_t>(i)];
