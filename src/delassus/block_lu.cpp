@@ -2,6 +2,7 @@
 
 #include <Eigen/OrderingMethods>
 #include <algorithm>
+#include <cstdint>
 #include <cstring>
 #include <numeric>
 #include <utility>
@@ -58,38 +59,21 @@ std::vector<int> elimination_tree(const BlockLists& lower) {
   return parent;
 }
 
-/// Children of each node of a forest, and its roots, as linked lists in ascending order; -1 ends a list.
-struct Children {
-  explicit Children(const std::vector<int>& parent) : first(parent.size(), -1), next(parent.size(), -1) {
-    for (int j = static_cast<int>(parent.size()) - 1; j >= 0; --j) {
-      int& head = parent[j] < 0 ? root : first[parent[j]];
-      next[j] = head;
-      head = j;
-    }
-  }
-  std::vector<int> first, next;
-  int root = -1;
-};
-
-/// Nodes of a forest, children before parents.
+/// Of each node of a forest, its place where children come before parents. parent[j] > j, or -1.
 std::vector<int> postorder(const std::vector<int>& parent) {
-  Children children(parent);
-  std::vector<int> order;
-  order.reserve(parent.size());
-  for (int root = children.root; root >= 0; root = children.next[root]) {
-    int j = root;
-    while (true) {
-      if (const int child = children.first[j]; child >= 0) {
-        children.first[j] = children.next[child];
-        j = child;
-        continue;
-      }
-      order.push_back(j);
-      if (j == root) break;
-      j = parent[j];
-    }
+  const int n = static_cast<int>(parent.size());
+  std::vector<int> place(parent.size(), 1);  // at first the size of its tree
+  for (int j = 0; j < n; ++j)
+    if (parent[j] >= 0) place[parent[j]] += place[j];
+  int end = n;
+  std::vector<int> end_of(parent.size());  // of what is left for the children
+  for (int j = n - 1; j >= 0; --j) {
+    int& last = parent[j] < 0 ? end : end_of[parent[j]];
+    const int size = place[j];
+    place[j] = end_of[j] = last - 1;
+    last -= size;
   }
-  return order;
+  return place;
 }
 
 std::vector<int> inverse_of(const std::vector<int>& order) {
@@ -118,7 +102,9 @@ BlockLists renumber(const BlockLists& lower, const std::vector<int>& position) {
 /// For each column of L, the blocks below its diagonal block.
 BlockLists structure_of(const BlockLists& lower, const std::vector<int>& parent) {
   const int n = lower.size();
-  const Children children(parent);
+  std::vector<int> child(parent.size(), -1), next(parent.size(), -1);  // children of each, as linked lists
+  for (int j = n - 1; j >= 0; --j)
+    if (parent[j] >= 0) next[j] = child[parent[j]], child[parent[j]] = j;
   std::vector<int> mark(parent.size(), -1);
   BlockLists out;
   out.first.reserve(static_cast<std::size_t>(n) + 1);
@@ -129,10 +115,83 @@ BlockLists structure_of(const BlockLists& lower, const std::vector<int>& parent)
       if (mark[i] != j) mark[i] = j, out.items.push_back(i);
     };
     for (const int i : lower[j]) add(i);
-    for (int c = children.first[j]; c >= 0; c = children.next[c])
+    for (int c = child[j]; c >= 0; c = next[c])
       for (int k = out.first[c]; k < out.first[c + 1]; ++k) add(out.items[k]);
     std::sort(out.items.begin() + out.first[j], out.items.end());
     out.first.push_back(static_cast<int>(out.items.size()));
+  }
+  return out;
+}
+
+/// The columns of L in the order of elimination: their blocks, the elimination tree, the blocks below the diagonal.
+struct Columns {
+  std::vector<int> order, parent;
+  BlockLists structure;
+};
+
+Columns columns_of(const BlockLists& neighbours) {
+  Columns out;
+  const std::vector<int> order = minimum_degree(neighbours);
+  const std::vector<int> parent = elimination_tree(renumber(neighbours, inverse_of(order)));
+  const std::vector<int> place = postorder(parent);
+  out.order.resize(order.size()), out.parent.resize(order.size());
+  for (std::size_t k = 0; k < order.size(); ++k) {
+    out.order[place[k]] = order[k];
+    out.parent[place[k]] = parent[k] < 0 ? -1 : place[parent[k]];
+  }
+  out.structure = structure_of(renumber(neighbours, inverse_of(out.order)), out.parent);
+  return out;
+}
+
+constexpr int kFew = 64;  // blocks that fit into the bits of a word
+
+/// The same for few blocks, by exact minimum degree.
+Columns columns_of_few(const BlockLists& neighbours) {
+  using Bits = std::uint64_t;
+  const int n = neighbours.size();
+  const auto bit = [](int i) { return Bits{1} << i; };
+  const auto first_of = [](Bits bits) { return __builtin_ctzll(bits); };
+  Bits below[kFew] = {};  // of each block, the others it shares an entry with, then those below it in L
+  for (int j = 0; j < n; ++j)
+    for (const int i : neighbours[j]) below[j] |= bit(i), below[i] |= bit(j);
+  int order[kFew], rank[kFew];
+  Bits left = n == kFew ? ~Bits{0} : bit(n) - 1;
+  for (int k = 0; k < n; ++k) {
+    int least = kFew, block = 0;
+    for (Bits rest = left; rest; rest &= rest - 1) {
+      const int i = first_of(rest), degree = __builtin_popcountll(below[i]);
+      if (degree < least) least = degree, block = i;
+    }
+    order[k] = block, rank[block] = k;
+    left &= ~bit(block);
+    for (Bits rest = below[block]; rest; rest &= rest - 1) {
+      const int i = first_of(rest);
+      below[i] = (below[i] | below[block]) & ~(bit(i) | bit(block));
+    }
+  }
+  std::vector<int> parent(static_cast<std::size_t>(n), -1);
+  int num_items = 0;
+  for (int k = 0; k < n; ++k) {
+    for (Bits rest = below[order[k]]; rest; rest &= rest - 1) {
+      const int i = rank[first_of(rest)];
+      if (parent[k] < 0 || i < parent[k]) parent[k] = i;
+      ++num_items;
+    }
+  }
+  const std::vector<int> place = postorder(parent);
+  Columns out;
+  out.order.resize(parent.size()), out.parent.resize(parent.size());
+  for (int k = 0; k < n; ++k) {
+    out.order[place[k]] = order[k];
+    out.parent[place[k]] = parent[k] < 0 ? -1 : place[parent[k]];
+  }
+  out.structure.first.reserve(parent.size() + 1);
+  out.structure.items.reserve(static_cast<std::size_t>(num_items));
+  for (const int block : out.order) {
+    const std::size_t begin = out.structure.items.size();
+    for (Bits rest = below[block]; rest; rest &= rest - 1) out.structure.items.push_back(place[rank[first_of(rest)]]);
+    std::sort(out.structure.items.begin() + static_cast<std::ptrdiff_t>(begin), out.structure.items.end());
+    out.structure.first.push_back(static_cast<int>(out.structure.items.size()));
   }
   return out;
 }
@@ -168,33 +227,23 @@ void BlockLu::analyze(const std::vector<int>& block_sizes, const BlockLists& nei
   sign_ = 0;
 
   // Storage of the matrix.
-  pairs_.clear();
-  pairs_.reserve(block_sizes.size() + neighbours.items.size());
+  pairs_.resize(block_sizes.size() + neighbours.items.size());
+  Pair* next = pairs_.data();
   Index num_values = 0;
   for (int j = 0; j < num_blocks; ++j) {
-    pairs_.push_back({j, j, num_values, num_values});
+    *next++ = {j, j, num_values, num_values};
     num_values += block_sizes[j] * block_sizes[j];
     for (const int i : neighbours[j]) {
       const Index count = block_sizes[i] * block_sizes[j];
-      pairs_.push_back({i, j, num_values, num_values + count});
+      *next++ = {i, j, num_values, num_values + count};
       num_values += 2 * count;
     }
   }
-  values_.assign(static_cast<std::size_t>(num_values), 0.0);
+  values_.resize(static_cast<std::size_t>(num_values));
 
-  // Order of elimination, then the structure of each column of L.
-  std::vector<int> order = minimum_degree(neighbours);
-  std::vector<int> parent = elimination_tree(renumber(neighbours, inverse_of(order)));
-  {
-    const std::vector<int> post = postorder(parent), place = inverse_of(post);
-    std::vector<int> ordered(order.size()), parents(order.size());
-    for (std::size_t k = 0; k < post.size(); ++k) {
-      ordered[k] = order[post[k]];
-      parents[k] = parent[post[k]] < 0 ? -1 : place[parent[post[k]]];
-    }
-    order.swap(ordered), parent.swap(parents);
-  }
-  const BlockLists structure = structure_of(renumber(neighbours, inverse_of(order)), parent);
+  const Columns columns = num_blocks <= kFew ? columns_of_few(neighbours) : columns_of(neighbours);
+  const std::vector<int>&order = columns.order, &parent = columns.parent;
+  const BlockLists& structure = columns.structure;
 
   // Supernodes: first the fundamental ones, then merged with their parents where that pays.
   std::vector<Node> nodes;
@@ -232,10 +281,11 @@ void BlockLu::analyze(const std::vector<int>& block_sizes, const BlockLists& nei
   }
   // Number the remaining supernodes in postorder, and the blocks along.
   std::vector<int> kept, index(nodes.size(), -1), node_parent;
+  kept.reserve(nodes.size()), node_parent.reserve(nodes.size());
   for (int s = 0; s < num_nodes; ++s)
     if (representative[s] == s) index[s] = static_cast<int>(kept.size()), kept.push_back(s);
   for (const int s : kept) node_parent.push_back(nodes[s].parent < 0 ? -1 : index[find(nodes[s].parent)]);
-  const std::vector<int> post = postorder(node_parent), new_index = inverse_of(post);
+  const std::vector<int> new_index = postorder(node_parent), post = inverse_of(new_index);
 
   supernodes_.assign(post.size(), Supernode());
   std::vector<int> rank(block_sizes.size());      // of each block, in the order of elimination
@@ -306,7 +356,6 @@ void BlockLu::analyze(const std::vector<int>& block_sizes, const BlockLists& nei
                                              position_in(super, a), position_in(super, b)};
   }
 
-  entries_.reserve(2 * pairs_.size());
   sizes_.clear();
   set_sizes(block_sizes);
   find_room();
@@ -348,61 +397,59 @@ void BlockLu::set_sizes(const std::vector<int>& block_sizes) {
   sizes_ = block_sizes;
   front_rows_.resize(front_blocks_.size());
   row_of_.resize(sizes_.size());
-  permutation_.clear();
-  int row = 0;
+  permutation_.resize(static_cast<std::size_t>(size_));
+  int row = 0, num_rows = 0;
   for (Supernode& super : supernodes_) {
     super.first = row;
     for (int k = 0; k < super.pivot_blocks; ++k) {
       const int block = front_blocks_[super.blocks + k];
       front_rows_[super.blocks + k] = row - super.first;
       row_of_[block] = row;
-      for (int r = 0; r < sizes_[block]; ++r) permutation_.push_back(offsets_[block] + r);
-      row += sizes_[block];
+      for (int r = 0; r < sizes_[block]; ++r) permutation_[row++] = offsets_[block] + r;
     }
     super.pivots = row - super.first;
-  }
-  rows_.clear();
-  Index num_factors = 0;
-  for (Supernode& super : supernodes_) {
-    super.rows = static_cast<Index>(rows_.size());
     super.updates = 0;
     for (int k = super.pivot_blocks; k < super.pivot_blocks + super.update_blocks; ++k) {
-      const int block = front_blocks_[super.blocks + k];
       front_rows_[super.blocks + k] = super.pivots + super.updates;
-      super.updates += sizes_[block];
-      for (int r = 0; r < sizes_[block]; ++r) rows_.push_back(row_of_[block] + r);
+      super.updates += sizes_[front_blocks_[super.blocks + k]];
     }
-    super.lower = num_factors;
-    super.upper = num_factors + static_cast<Index>(super.pivots + super.updates) * super.pivots;
-    num_factors = super.upper + static_cast<Index>(super.pivots) * super.updates;
+    super.rows = num_rows;
+    num_rows += super.updates;
   }
-  relative_.clear();
-  for (const Supernode& super : supernodes_) {
-    for (int k = super.pivot_blocks; k < super.pivot_blocks + super.update_blocks; ++k) {
-      const int up =
-          super.parent < 0 ? 0 : front_rows_[supernodes_[super.parent].blocks + parent_position_[super.blocks + k]];
-      for (int r = 0; r < sizes_[front_blocks_[super.blocks + k]]; ++r) relative_.push_back(up + r);
-    }
-  }
-  entries_.clear();
+  permutation_.resize(static_cast<std::size_t>(row));
+  rows_.resize(static_cast<std::size_t>(num_rows));
+  relative_.resize(rows_.size());
+  entries_.resize(2 * pairs_.size());
+  Entry* entry = entries_.data();
+  Index num_factors = 0;
   int e = 0;
   for (Supernode& super : supernodes_) {
-    super.entries_begin = static_cast<Index>(entries_.size());
-    const int n = super.pivots + super.updates, p = super.pivots;
+    const int p = super.pivots, n = p + super.updates;
     const int *blocks = front_blocks_.data() + super.blocks, *first_rows = front_rows_.data() + super.blocks;
+    const int* up = super.parent < 0 ? nullptr : front_rows_.data() + supernodes_[super.parent].blocks;
+    Index u = super.rows;
+    for (int k = super.pivot_blocks; k < super.pivot_blocks + super.update_blocks; ++k)
+      for (int r = 0; r < sizes_[blocks[k]]; ++r, ++u) {
+        rows_[u] = row_of_[blocks[k]] + r;
+        relative_[u] = up[parent_position_[super.blocks + k]] + r;
+      }
+    super.lower = num_factors;
+    super.upper = super.lower + static_cast<Index>(n) * p;
+    num_factors = super.upper + static_cast<Index>(p) * super.updates;
+    super.entries_begin = entry - entries_.data();
     for (; e < super.block_entries; ++e) {
-      const BlockEntry& entry = block_entries_[e];
-      const int na = sizes_[blocks[entry.a]], nb = sizes_[blocks[entry.b]];
+      const BlockEntry& from = block_entries_[e];
+      const int na = sizes_[blocks[from.a]], nb = sizes_[blocks[from.b]];
       if (na == 0 || nb == 0) continue;
-      const Index a = first_rows[entry.a], b = first_rows[entry.b];
-      entries_.push_back({entry.ab, super.lower + b * n + a, na, nb, n, true});
-      if (entry.a == entry.b) continue;
-      if (entry.a < super.pivot_blocks)
-        entries_.push_back({entry.ba, super.lower + a * n + b, nb, na, n, false});
+      const Index a = first_rows[from.a], b = first_rows[from.b];
+      *entry++ = {from.ab, super.lower + b * n + a, na, nb, n, true};
+      if (from.a == from.b) continue;
+      if (from.a < super.pivot_blocks)
+        *entry++ = {from.ba, super.lower + a * n + b, nb, na, n, false};
       else
-        entries_.push_back({entry.ba, super.upper + (a - p) * p + b, nb, na, p, false});
+        *entry++ = {from.ba, super.upper + (a - p) * p + b, nb, na, p, false};
     }
-    super.entries_end = static_cast<Index>(entries_.size());
+    super.entries_end = entry - entries_.data();
   }
 }
 
@@ -447,7 +494,29 @@ void BlockLu::extend_add_symmetric(const Supernode& super, double*& top) {
   }
 }
 
-bool BlockLu::factor() {
+void BlockLu::assemble(const Supernode& super, const double* values, double* fronts) const {
+  const std::size_t count = static_cast<std::size_t>(super.pivots + 2 * super.updates) * super.pivots;  // U follows L
+  std::memset(fronts + super.lower, 0, count * sizeof(double));
+  for (Index e = super.entries_begin; e < super.entries_end; ++e) copy_in(values, entries_[e], fronts);
+}
+
+void BlockLu::assemble(const double* values, double* fronts) const {
+  for (const Supernode& super : supernodes_) assemble(super, values, fronts);
+}
+
+void BlockLu::add_diagonal(const Supernode& super, const BlockDiagonal& added) {
+  const int n = super.pivots + super.updates;
+  for (int k = super.blocks; k < super.blocks + super.pivot_blocks; ++k) {
+    const int size = sizes_[front_blocks_[k]];
+    const Eigen::Matrix3d& x = added[static_cast<std::size_t>(front_blocks_[k])];
+    double* to = factors_.data() + super.lower + static_cast<Index>(front_rows_[k]) * (n + 1);
+    for (int c = 0; c < size; ++c, to += n)
+      for (int r = 0; r < size; ++r) to[r] += x(r, c);
+  }
+}
+
+template <typename Assemble>
+bool BlockLu::factor_fronts(bool on_diagonal, Assemble&& assemble) {
   make_room();
   const DenseKernels& kernels = dense_kernels();
   sign_ = 1;
@@ -458,11 +527,10 @@ bool BlockLu::factor() {
     double* l = factors_.data() + super.lower;
     double* up = factors_.data() + super.upper;
     double* schur = schur_.data();
-    std::memset(l, 0, static_cast<std::size_t>(p + 2 * u) * p * sizeof(double));  // and U, which follows
     if (u > 0) std::memset(schur, 0, static_cast<std::size_t>(u) * u * sizeof(double));
-    for (Index e = super.entries_begin; e < super.entries_end; ++e) copy_in(entries_[e]);
+    assemble(super);
     extend_add(super, top);
-    const int sign = p == 0 ? 1 : kernels.factor_front(p, u, l, up, schur, pivots_.data() + super.first);
+    const int sign = p == 0 ? 1 : kernels.factor_front(p, u, l, up, schur, pivots_.data() + super.first, on_diagonal);
     if (sign == 0) {
       sign_ = 0;
       return false;
@@ -472,6 +540,18 @@ bool BlockLu::factor() {
     top += static_cast<Index>(u) * u;
   }
   return true;
+}
+
+bool BlockLu::factor() {
+  return factor_fronts(false, [&](const Supernode& super) { assemble(super, values_.data(), factors_.data()); });
+}
+
+bool BlockLu::factor(const double* fronts, const BlockDiagonal& added, bool on_diagonal) {
+  return factor_fronts(on_diagonal, [&](const Supernode& super) {
+    const std::size_t count = static_cast<std::size_t>(super.pivots + 2 * super.updates) * super.pivots;
+    std::memcpy(factors_.data() + super.lower, fronts + super.lower, count * sizeof(double));
+    add_diagonal(super, added);
+  });
 }
 
 bool BlockLu::factor_symmetric() {
@@ -487,7 +567,7 @@ bool BlockLu::factor_symmetric() {
     std::memset(l, 0, static_cast<std::size_t>(p + u) * p * sizeof(double));
     if (u > 0) std::memset(schur, 0, static_cast<std::size_t>(u) * u * sizeof(double));
     for (Index e = super.entries_begin; e < super.entries_end; ++e)
-      if (entries_[e].lower) copy_in(entries_[e]);
+      if (entries_[e].lower) copy_in(values_.data(), entries_[e], factors_.data());
     extend_add_symmetric(super, top);
     if (p > 0 && kernels.factor_symmetric_front(p, u, l, factors_.data() + super.upper, schur) == 0) {
       sign_ = 0;

@@ -2,7 +2,7 @@
 
 #include <vector>
 
-#include "signorini/types.hpp"
+#include "signorini/delassus/scaled_delassus.hpp"
 
 namespace signorini {
 
@@ -47,7 +47,12 @@ class BlockLu {
   /// new analysis. A block (i, j) in values() starts where it did and has this many rows and columns.
   void set_sizes(const std::vector<int>& block_sizes);
 
+  /// Factors the matrix in values().
   bool factor();
+  /// Puts values laid out like values() where factor(fronts, added) takes them from: num_factor_entries() of them.
+  void assemble(const double* values, double* fronts) const;
+  /// Factors what is assembled, with added[i] added to block (i, i). on_diagonal: as the kernels have it.
+  bool factor(const double* fronts, const BlockDiagonal& added, bool on_diagonal);
   /// Factors a symmetric positive definite matrix, without pivoting; false when it is not that. Of blocks (i, j) and
   /// (j, i) the one below the diagonal in the order of elimination is read, so both have to be there.
   bool factor_symmetric();
@@ -83,9 +88,9 @@ class BlockLu {
     bool lower;  // needed by factor_symmetric()
   };
 
-  void copy_in(const Entry& entry) {
-    const double* from = values_.data() + entry.value;
-    double* to = factors_.data() + entry.target;
+  static void copy_in(const double* values, const Entry& entry, double* fronts) {
+    const double* from = values + entry.value;
+    double* to = fronts + entry.target;
     if (entry.rows == 3 && entry.columns == 3) {  // by far the most
       for (int c = 0; c < 3; ++c, to += entry.stride, from += 3) to[0] = from[0], to[1] = from[1], to[2] = from[2];
       return;
@@ -93,6 +98,10 @@ class BlockLu {
     for (int c = 0; c < entry.columns; ++c)
       for (int r = 0; r < entry.rows; ++r) to[static_cast<Index>(c) * entry.stride + r] = *from++;
   }
+  void assemble(const Supernode& super, const double* values, double* fronts) const;
+  void add_diagonal(const Supernode& super, const BlockDiagonal& added);
+  template <typename Assemble>
+  bool factor_fronts(bool on_diagonal, Assemble&& assemble);
   void extend_add(const Supernode& super, double*& top);
   void extend_add_symmetric(const Supernode& super, double*& top);
 

@@ -235,9 +235,12 @@ inline void swap_rows(V (&a)[kPanel][MV], int k, int r) {
   }
 }
 
-/// factor_panel() of at most MV vectors a column, in registers; of a symmetric positive definite matrix by its lower
-/// triangle, without pivoting, when Symmetric.
-template <int MV, bool Symmetric>
+enum class Pivots { Sought, OnDiagonal, Symmetric };
+constexpr double kLargestMultiplier = 100.0;  // with which pivots stay on the diagonal
+
+/// factor_panel() of at most MV vectors a column, in registers: with the largest pivots; or with those on the diagonal,
+/// 0 and nothing written where they are too small; or of a symmetric positive definite matrix by its lower triangle.
+template <int MV, Pivots How>
 int factor_panel_in_registers(int width, int p, int n, double* l, int ldl, int* pivots) {
   const __mmask8 tail = mask((1U << (n - (MV - 1) * W)) - 1U);
   V a[kPanel][MV], inverses = spread(1.0);
@@ -247,10 +250,11 @@ int factor_panel_in_registers(int width, int p, int n, double* l, int ldl, int* 
     for (int v = 0; v < MV; ++v)
       a[j][v] = j < width ? _mm512_maskz_loadu_pd(v == MV - 1 ? tail : mask(0xff), l + j * ldl + v * W) : zero();
   int sign = 1;
+  [[maybe_unused]] __mmask8 too_large = 0;
 #pragma GCC unroll 8
   for (int k = 0; k < kPanel; ++k) {
     if (k >= width) break;
-    if constexpr (!Symmetric) {
+    if constexpr (How == Pivots::Sought) {
       const unsigned candidates = (1U << p) - (1U << k);
       V best = _mm512_maskz_mov_pd(mask(candidates), _mm512_abs_pd(a[k][0]));
 #pragma GCC unroll 3
@@ -276,7 +280,7 @@ int factor_panel_in_registers(int width, int p, int n, double* l, int ldl, int* 
     }
     const __m512i row = _mm512_set1_epi64(k);
     const V value = _mm512_permutexvar_pd(row, a[k][0]), inverse = _mm512_div_pd(spread(1.0), value);
-    if constexpr (Symmetric) {
+    if constexpr (How == Pivots::Symmetric) {
       const double pivot = _mm512_cvtsd_f64(value);
       if (!(pivot > 0.0 && pivot < 1e300)) return 0;
 #pragma GCC unroll 8
@@ -292,12 +296,25 @@ int factor_panel_in_registers(int width, int p, int n, double* l, int ldl, int* 
     a[k][0] = _mm512_mask_mov_pd(a[k][0], below, factor[0]);
 #pragma GCC unroll 3
     for (int v = 1; v < MV; ++v) a[k][v] = factor[v] = product(a[k][v], inverse);
+    if constexpr (How == Pivots::OnDiagonal) {
+#pragma GCC unroll 3
+      for (int v = 0; v < MV; ++v)
+        too_large |= _mm512_mask_cmp_pd_mask(mask(((1U << p) - 1U) >> v * W), _mm512_abs_pd(factor[v]),
+                                             spread(kLargestMultiplier), _CMP_NLE_UQ);
+    }
 #pragma GCC unroll 8
     for (int j = k + 1; j < kPanel; ++j) {
       const V u = _mm512_permutexvar_pd(row, a[j][0]);
 #pragma GCC unroll 3
       for (int v = 0; v < MV; ++v) a[j][v] = minus_product(a[j][v], factor[v], u);
     }
+  }
+  if constexpr (How == Pivots::OnDiagonal) {
+    const V size = _mm512_abs_pd(inverses);
+    if (too_large || _mm512_cmp_pd_mask(size, spread(1e300), _CMP_NLE_UQ) ||
+        _mm512_cmp_pd_mask(size, spread(1e-300), _CMP_NGT_UQ))
+      return 0;
+    for (int k = 0; k < width; ++k) pivots[k] = k;
   }
 #pragma GCC unroll 8
   for (int j = 0; j < kPanel; ++j) {
@@ -424,16 +441,22 @@ void backward_in_registers(int p, int u, const double* l, const double* up, doub
 #pragma GCC unroll 3
   for (int v = 0; v < MV; ++v) z[v] = _mm512_add_pd(z[v], other[v]);
 #pragma GCC unroll 3
-  for (int from = MV - 1; from >= 0; --from)
-    for (int k = (p < (from + 1) * W ? p : (from + 1) * W) - 1; k >= from * W; --k) {
+  for (int from = MV - 1; from >= 0; --from) {
+    const int last = p < (from + 1) * W ? p : (from + 1) * W;
+    // The rows of U over its diagonal, so that one unknown waits for another no longer than need be.
+    V inverses = zero();
+    for (int k = from * W; k < last; ++k)
+      inverses = _mm512_mask_mov_pd(inverses, mask(1U << k % W), spread(l[k * n + k]));
+    z[from] = product(z[from], inverses);
+    for (int k = last - 1; k >= from * W; --k) {
       const double* column = l + k * n;
-      const V zk = product(_mm512_permutexvar_pd(_mm512_set1_epi64(k % W), z[from]), spread(column[k]));
-      const unsigned bit = 1U << k % W;
-      z[from] = _mm512_mask_mov_pd(z[from], mask(bit), zk);
-      z[from] = minus_product(z[from], _mm512_maskz_loadu_pd(mask(bit - 1U), column + from * W), zk);
+      const V zk = _mm512_permutexvar_pd(_mm512_set1_epi64(k % W), z[from]);
+      const V row = product(_mm512_maskz_loadu_pd(mask((1U << k % W) - 1U), column + from * W), inverses);
+      z[from] = minus_product(z[from], row, zk);
 #pragma GCC unroll 3
       for (int v = 0; v < from; ++v) z[v] = minus_product(z[v], load(column + v * W), zk);
     }
+  }
 #pragma GCC unroll 3
   for (int v = 0; v < MV; ++v) _mm512_mask_storeu_pd(x + v * W, rows_before(p, v), z[v]);
 }
@@ -448,13 +471,20 @@ void eliminate_columns(int width, int n, const double* l, int ldl, int count, do
     eliminate_in_registers<MV, 1>(width, n, l, ldl, 1, b, ldb);
 }
 
+template <Pivots How>
+int factor_top(int width, int p, int top, double* l, int ldl, int* pivots) {
+  return top <= W       ? factor_panel_in_registers<1, How>(width, p, top, l, ldl, pivots)
+         : top <= 2 * W ? factor_panel_in_registers<2, How>(width, p, top, l, ldl, pivots)
+                        : factor_panel_in_registers<3, How>(width, p, top, l, ldl, pivots);
+}
+
 /// factor_panel() of p <= 24, and factor_symmetric_panel().
 template <bool Symmetric>
-int factor_small_panel(int width, int p, int n, double* l, int ldl, int* pivots) {
+int factor_small_panel(int width, int p, int n, double* l, int ldl, int* pivots, bool on_diagonal) {
   const int top = n < kRegisters * W ? n : kRegisters * W;
-  const int sign = top <= W       ? factor_panel_in_registers<1, Symmetric>(width, p, top, l, ldl, pivots)
-                   : top <= 2 * W ? factor_panel_in_registers<2, Symmetric>(width, p, top, l, ldl, pivots)
-                                  : factor_panel_in_registers<3, Symmetric>(width, p, top, l, ldl, pivots);
+  constexpr Pivots first_try = Symmetric ? Pivots::Symmetric : Pivots::OnDiagonal;
+  int sign = on_diagonal ? factor_top<first_try>(width, p, top, l, ldl, pivots) : 0;
+  if (!Symmetric && sign == 0) sign = factor_top<Pivots::Sought>(width, p, top, l, ldl, pivots);
   if (sign == 0) return 0;
   int first = top;
   for (; first + 2 * W < n; first += 3 * W) divide_rows<3>(width, first, n - first < 3 * W ? n - first : 3 * W, l, ldl);
@@ -468,9 +498,9 @@ int factor_small_panel(int width, int p, int n, double* l, int ldl, int* pivots)
 
 /// LU of a panel of `width` columns and n rows, pivots among the first p; the diagonal of U is stored inverted. Returns
 /// the sign of its determinant as factor_front() does.
-int factor_panel(int width, int p, int n, double* l, int ldl, int* pivots) {
+int factor_panel(int width, int p, int n, double* l, int ldl, int* pivots, [[maybe_unused]] bool on_diagonal) {
 #if defined(__AVX512F__)
-  if (p <= kRegisters * W) return factor_small_panel<false>(width, p, n, l, ldl, pivots);
+  if (p <= kRegisters * W) return factor_small_panel<false>(width, p, n, l, ldl, pivots, on_diagonal);
 #endif
   int sign = 1;
   for (int k = 0; k < width; ++k) {
@@ -511,7 +541,7 @@ int factor_panel(int width, int p, int n, double* l, int ldl, int* pivots) {
 /// LU of a panel of a symmetric positive definite matrix, from its lower triangle; 0 when it is not that.
 int factor_symmetric_panel(int width, int n, double* l, int ldl) {
 #if defined(__AVX512F__)
-  return factor_small_panel<true>(width, width, n, l, ldl, nullptr);
+  return factor_small_panel<true>(width, width, n, l, ldl, nullptr, true);
 #else
   for (int k = 0; k < width; ++k) {
     double* column = l + k * ldl;
@@ -686,12 +716,12 @@ void multiply_blocks(int n, const int* first, const DenseKernels::BlockAt* block
 
 void symmetric_product(int n, int k, const double* a, double* c) { lower_minus<true>(n, 0, k, a, n, a, n, 1, c, n); }
 
-int factor_front(int p, int u, double* l, double* up, double* s, int* pivots) {
+int factor_front(int p, int u, double* l, double* up, double* s, int* pivots, [[maybe_unused]] bool on_diagonal) {
   const int n = p + u;
   int sign = 1;
   for (int k0 = 0; k0 < p; k0 += kPanel) {
     const int k1 = k0 + kPanel < p ? k0 + kPanel : p;
-    const int panel_sign = factor_panel(k1 - k0, p - k0, n - k0, l + k0 * n + k0, n, pivots + k0);
+    const int panel_sign = factor_panel(k1 - k0, p - k0, n - k0, l + k0 * n + k0, n, pivots + k0, on_diagonal);
     if (panel_sign == 0) return 0;
     sign *= panel_sign;
     for (int k = k0; k < k1; ++k) pivots[k] += k0;

@@ -14,8 +14,9 @@ struct DenseKernels {
   };
 
   /// Partial LU with row pivoting inside the p pivot rows. The diagonal of U11 is stored inverted. Returns the sign of
-  /// det F11: 0 when a pivot is zero or not finite. pivots: p row swaps.
-  int (*factor_front)(int p, int u, double* l, double* up, double* s, int* pivots);
+  /// det F11: 0 when a pivot is zero or not finite. pivots: p row swaps. on_diagonal: pivots may stay there while they
+  /// are not too small, which costs digits of ill-conditioned matrices and saves a search.
+  int (*factor_front)(int p, int u, double* l, double* up, double* s, int* pivots, bool on_diagonal);
   /// x_p <- L11^-1 P x_p, y = -L21 x_p (u values, overwritten); pivots: null where there was no pivoting.
   void (*forward)(int p, int u, const double* l, const int* pivots, double* x, double* y);
   /// x_p <- U11^-1 (x_p - U12 x_u).

@@ -3,7 +3,7 @@
 
 #define SIGNORINI_DECLARE_KERNELS(space)                                                                               \
   namespace signorini::space {                                                                                         \
-  int factor_front(int p, int u, double* l, double* up, double* s, int* pivots);                                       \
+  int factor_front(int p, int u, double* l, double* up, double* s, int* pivots, bool on_diagonal);                     \
   void forward(int p, int u, const double* l, const int* pivots, double* x, double* y);                                \
   void backward(int p, int u, const double* l, const double* up, double* x, const double* xu);                         \
   int factor_symmetric_front(int p, int u, double* l, double* up, double* s);                                          \

@@ -8,25 +8,32 @@
 namespace signorini {
 namespace {
 
-constexpr int kDenseRows = 36;         // up to this size a dense factorisation is as fast as any
-constexpr double kDenseShare = 0.6;    // of the blocks that are there, beyond which G is called dense
-constexpr std::size_t kAnalyses = 16;  // patterns remembered
+constexpr int kDenseRows = 36;          // up to this size a dense factorisation is as fast as any
+constexpr double kDenseShare = 0.6;     // of the blocks that are there, beyond which G is called dense
+constexpr std::size_t kAnalyses = 16;   // patterns remembered
+constexpr Index kFewEntries = 1 << 17;  // of L and U, up to which A is kept assembled in their place
 
 }  // namespace
 
 void ExplicitSystem::take_sizes(const ConstraintSets& sets) {
-  sizes_.clear();
-  offsets_.clear();
-  for (const ConstraintSet& set : sets) {
-    sizes_.push_back(static_cast<int>(set.size()));
-    offsets_.push_back(static_cast<int>(set.offset));
+  sizes_.resize(static_cast<std::size_t>(sets.num_sets()));
+  offsets_.resize(sizes_.size());
+  for (Index i = 0; i < sets.num_sets(); ++i) {
+    sizes_[i] = static_cast<int>(sets[i].size());
+    offsets_[i] = static_cast<int>(sets[i].offset);
   }
   size_ = sets.size();
   active_.reserve(sizes_.size());  // what factor_reduced needs at most
   reduced_sizes_.reserve(sizes_.size());
   columns_.reserve(static_cast<std::size_t>(2 * size_));
   x_.reserve(static_cast<std::size_t>(size_));
+  assembled_ = false;
   pivots_.reserve(static_cast<std::size_t>(size_));
+}
+
+void ExplicitSystem::reserve_fronts() {
+  const Index count = analysis_->lu.num_factor_entries();
+  if (count <= kFewEntries) fronts_.resize(static_cast<std::size_t>(count));
 }
 
 bool ExplicitSystem::same_pattern(const SparseMatrix& matrix, const ConstraintSets& sets) const {
@@ -47,15 +54,17 @@ void ExplicitSystem::analyze(const SparseMatrix& matrix, const ConstraintSets& s
   std::vector<int> set_of(static_cast<std::size_t>(n));
   for (Index i = 0; i < sets.num_sets(); ++i)
     for (Index k = 0; k < sets[i].size(); ++k) set_of[sets[i].offset + k] = static_cast<int>(i);
+  const int *outer = matrix.outerIndexPtr(), *inner = matrix.innerIndexPtr();
   BlockLists neighbours;
+  neighbours.first.reserve(sizes_.size() + 1);
   neighbours.items.reserve(static_cast<std::size_t>(matrix.nonZeros() / 18));
   std::vector<int> mark(sizes_.size(), -1);
   for (int j = 0; j < static_cast<int>(sizes_.size()); ++j) {
-    mark[j] = j;
-    for (int c = offsets_[j]; c < offsets_[j] + sizes_[j]; ++c)
-      for (SparseMatrix::InnerIterator it(matrix, c); it; ++it) {
-        const int i = set_of[it.row()];
-        if (i > j && mark[i] != j) mark[i] = j, neighbours.items.push_back(i);
+    const int end = offsets_[j] + sizes_[j];
+    for (int c = offsets_[j]; c < end; ++c)
+      for (int q = outer[c + 1] - 1; q >= outer[c] && inner[q] >= end; --q) {
+        const int i = set_of[inner[q]];
+        if (mark[i] != j) mark[i] = j, neighbours.items.push_back(i);
       }
     std::sort(neighbours.items.begin() + neighbours.first[j], neighbours.items.end());
     neighbours.first.push_back(static_cast<int>(neighbours.items.size()));
@@ -63,27 +72,24 @@ void ExplicitSystem::analyze(const SparseMatrix& matrix, const ConstraintSets& s
   lu.analyze(sizes_, neighbours);
   sparse_->find_columns();
 
-  // Where each entry of G lands.
-  outer_.assign(matrix.outerIndexPtr(), matrix.outerIndexPtr() + n + 1);
-  inner_.assign(matrix.innerIndexPtr(), matrix.innerIndexPtr() + matrix.nonZeros());
-  targets_.assign(inner_.size(), -1);
-  // Pairs by their smaller block are contiguous; by their larger one they are chained.
-  const auto& pairs = lu.pairs();
-  const auto num_pairs = static_cast<int>(pairs.size());
-  std::vector<int> first(sizes_.size(), -1), next(pairs.size(), -1);
-  for (int k = num_pairs - 1; k >= 0; --k) {
-    next[k] = first[pairs[k].i];
-    first[pairs[k].i] = k;
-  }
-  std::vector<Index> base(sizes_.size());  // where block (i, j) starts, for the j at hand
-  int pair = 0;
+  // Where the entries of G land.
+  outer_.assign(outer, outer + n + 1);
+  inner_.assign(inner, inner + matrix.nonZeros());
+  runs_.clear();
+  runs_.reserve(inner_.size() / 2);
+  std::vector<Index> start(sizes_.size());  // of block (i, j), for the j at hand
   for (int j = 0; j < static_cast<int>(sizes_.size()); ++j) {
-    for (int k = first[j]; k >= 0; k = next[k]) base[pairs[k].j] = pairs[k].upper;
-    for (; pair < num_pairs && pairs[pair].j == j; ++pair) base[pairs[pair].i] = pairs[pair].lower;
+    for (int k = sparse_->first_column_block[j]; k < sparse_->first_column_block[j + 1]; ++k)
+      start[sparse_->column_blocks[k].i] = sparse_->column_blocks[k].start;
     for (int c = 0; c < sizes_[j]; ++c)
-      for (int q = outer_[offsets_[j] + c]; q < outer_[offsets_[j] + c + 1]; ++q) {
-        const int i = set_of[inner_[q]];
-        targets_[q] = base[i] + static_cast<Index>(c) * sizes_[i] + (inner_[q] - offsets_[i]);
+      for (int q = outer_[offsets_[j] + c], last = outer_[offsets_[j] + c + 1]; q < last;) {
+        const int row = inner_[q], i = set_of[row], end = offsets_[i] + sizes_[i];
+        int count = 1;
+        while (q + count < last && row + count < end && inner_[q + count] == row + count) ++count;
+        Run& run = runs_.emplace_back();
+        run.target = start[i] + static_cast<Index>(c) * sizes_[i] + (row - offsets_[i]);
+        run.count = count;
+        q += count;
       }
   }
 }
@@ -94,10 +100,20 @@ void ExplicitSystem::setup(const SparseMatrix& matrix, const ConstraintSets& set
   if (!same_pattern(matrix, sets)) analyze(matrix, sets);
   dense_ = false;
   analysis_ = sparse_.get();
-  a_.assign(analysis_->lu.values().size(), 0.0);
+  reserve_fronts();
+  a_.resize(analysis_->lu.values().size());
+  std::fill(a_.begin(), a_.end(), 0.0);
   const double* values = matrix.valuePtr();
+  const Run* run = runs_.data();
   for (Index c = 0; c < matrix.cols(); ++c)
-    for (int q = outer_[c]; q < outer_[c + 1]; ++q) a_[targets_[q]] = values[q] * scale[inner_[q]] * scale[c];
+    for (int q = outer_[c]; q < outer_[c + 1]; q += run++->count) {
+      const double factor = scale[inner_[q]] * scale[c], *from = values + q;
+      double* to = a_.data() + run->target;
+      if (run->count == 3)  // by far the most
+        to[0] = factor * from[0], to[1] = factor * from[1], to[2] = factor * from[2];
+      else
+        for (int k = 0; k < run->count; ++k) to[k] = factor * from[k];
+    }
   for (const BlockLu::Pair& pair : analysis_->lu.pairs()) {
     if (pair.i != pair.j) continue;
     const int size = sizes_[pair.i], o = offsets_[pair.i];
@@ -231,6 +247,7 @@ void ExplicitSystem::setup(const ConstraintSets& sets, const ConstVectorRef& sca
     return;
   }
   find_analysis();
+  reserve_fronts();
   const std::vector<BlockLu::Pair>& pairs = analysis_->lu.pairs();
   a_.resize(analysis_->lu.values().size());
   for (std::size_t i = 0; i < sizes_.size(); ++i) {
@@ -374,9 +391,9 @@ bool ExplicitSystem::factor_dense() {
   symmetric_ = false;
   pivots_.resize(static_cast<std::size_t>(rows_));
   x_.resize(static_cast<std::size_t>(std::max(rows_, size_)));
-  sign_ = rows_ == 0
-              ? 1
-              : dense_kernels().factor_front(static_cast<int>(rows_), 0, k_.data(), nullptr, nullptr, pivots_.data());
+  sign_ = rows_ == 0 ? 1
+                     : dense_kernels().factor_front(static_cast<int>(rows_), 0, k_.data(), nullptr, nullptr,
+                                                    pivots_.data(), false);
   return sign_ != 0;
 }
 
@@ -406,7 +423,7 @@ bool ExplicitSystem::factor(const BlockDiagonal& x, const BlockDiagonal& y) {
   return lu.factor();
 }
 
-bool ExplicitSystem::factor(const BlockDiagonal& x) {
+bool ExplicitSystem::factor(const BlockDiagonal& x, bool rough) {
   if (dense_) {
     const auto n = static_cast<int>(size_);
     k_.resize(a_.size());
@@ -418,6 +435,13 @@ bool ExplicitSystem::factor(const BlockDiagonal& x) {
   }
   BlockLu& lu = analysis_->lu;
   lu.set_sizes(sizes_);
+  if (lu.num_factor_entries() <= kFewEntries) {
+    if (!assembled_) {
+      lu.assemble(a_.data(), fronts_.data());
+      assembled_ = true;
+    }
+    return lu.factor(fronts_.data(), x, rough);
+  }
   std::copy(a_.begin(), a_.end(), lu.values().begin());
   for (const BlockLu::Pair& pair : lu.pairs())
     if (pair.i == pair.j) add_block(x[pair.i], lu.values().data() + pair.lower, sizes_[pair.i], sizes_[pair.i]);

@@ -40,7 +40,7 @@ class ExplicitSystem final : public ScaledDelassus {
   Index size() const override { return size_; }
   void apply(const ConstVectorRef& x, VectorRef y) const override;
   bool factor(const BlockDiagonal& x, const BlockDiagonal& y) override;
-  bool factor(const BlockDiagonal& x) override;
+  bool factor(const BlockDiagonal& x, bool rough = false) override;
   int determinant_sign() const override { return dense_ ? sign_ : analysis_->lu.determinant_sign(); }
   void solve(VectorRef rhs) const override;
   bool reduces() const override { return true; }
@@ -71,6 +71,7 @@ class ExplicitSystem final : public ScaledDelassus {
   };
 
   void take_sizes(const ConstraintSets& sets);
+  void reserve_fronts();
   bool same_pattern(const SparseMatrix& matrix, const ConstraintSets& sets) const;
   void analyze(const SparseMatrix& matrix, const ConstraintSets& sets);
   void find_analysis();
@@ -108,9 +109,16 @@ class ExplicitSystem final : public ScaledDelassus {
   std::vector<std::unique_ptr<Analysis>> analyses_;
   long uses_ = 0;
 
+  std::vector<double> fronts_;  ///< A as BlockLu::assemble() has it, where that is small
+  bool assembled_ = false;
+
   // from a sparse matrix
   std::unique_ptr<Analysis> sparse_;
-  std::vector<Index> targets_;  ///< for each stored entry of G, where it goes in a_
+  struct Run {
+    Index target;  ///< in a_
+    int count;     ///< stored entries of a column of G one below the other, of one block
+  };
+  std::vector<Run> runs_;
   std::vector<int> outer_, inner_;
 };
 

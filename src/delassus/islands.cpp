@@ -52,16 +52,20 @@ std::vector<int> islands_of(const SparseMatrix& matrix, const ConstraintSets& se
     for (Index k = 0; k < set.size(); ++k) set_of[set.offset + k] = index;
     ++index;
   }
-  UnionFind components(static_cast<std::size_t>(sets.num_sets()));
-  for (Index c = 0; c < matrix.outerSize(); ++c) {
-    int last = set_of[c];  // rows of a set follow each other
-    for (SparseMatrix::InnerIterator it(matrix, c); it && it.row() < c; ++it) {
-      const int set = set_of[it.row()];
-      if (set != last) components.join(set, set_of[c]);
+  std::vector<int> labels;
+  IslandForest forest(static_cast<int>(sets.num_sets()), labels);
+  const int *outer = matrix.outerIndexPtr(), *inner = matrix.innerIndexPtr();
+  for (Index c = 0; c < matrix.outerSize() && forest.trees() > 1; ++c) {
+    const int own = set_of[c];
+    int last = own;  // rows of a set follow each other
+    for (int q = outer[c]; q < outer[c + 1] && inner[q] < c; ++q) {
+      const int set = set_of[inner[q]];
+      if (set != last) forest.join(set, own);
       last = set;
     }
   }
-  return components.labels();
+  forest.finish();
+  return labels;
 }
 
 SparseMatrix select(const SparseMatrix& matrix, const std::vector<Index>& rows, const std::vector<Index>& columns) {

@@ -30,7 +30,7 @@ class MassSpaceSystem final : public ScaledDelassus {
   Index size() const override { return damping_.size(); }
   void apply(const ConstVectorRef& x, VectorRef y) const override;
   bool factor(const BlockDiagonal& x, const BlockDiagonal& y) override { return factor(x, &y); }
-  bool factor(const BlockDiagonal& x) override { return factor(x, nullptr); }
+  bool factor(const BlockDiagonal& x, bool /*rough*/ = false) override { return factor(x, nullptr); }
   int determinant_sign() const override { return sign_; }
   void solve(VectorRef rhs) const override;
   bool reduces() const override { return true; }

@@ -22,15 +22,16 @@ constexpr double kLoose = 1e-6;  // what is aimed at from a guess from which on 
 // kNearer if less than kLoose is aimed at; and no more than after one sweep, or kStuck of that.
 constexpr double kNear = 0.3, kNearer = 0.1, kStuck = 1.5;
 constexpr int kSweptNewton = 3, kSweptProximal = 16, kSweptPatience = 6, kSweepsBetween = 20;
-constexpr ActiveSearch kSweptSearch{1e-5, 0.3, true}, kStickSearch{1e-3, 0.3, false}, kFinishSearch{0.1, 0.3, false};
+constexpr ActiveSearch kSweptSearch{1e-5, 0.3, true}, kStickSearch{1e-3, 0.3, false},
+    kFinishSearch{3e-3, 0.3, false, 0.5};
 constexpr double kGoodStart = 0.3;  // certificate of an iterate of Newton's from which the interior point goes on
 constexpr int kWarmNewton = 5;      // iterations granted to Newton from a guess
 constexpr int kWarmSweeps = 10;     // that follow where these do not do and the guess's certificate is above kFarOff
 constexpr double kFarOff = 1e-4;
 constexpr int kWarmPatience = 8, kWarmSteps = 15;
 constexpr double kFirstFinish = 1e-6;  // certificate at which Newton first tries to finish
-// The same on the active rows, over the number of sets, and at most.
-constexpr double kFirstReduced = 3e-3, kLargestReduced = 1e-3;
+// The same on the active rows, over the number of sets, and at most; and how long a step has to be.
+constexpr double kFirstReduced = 6e-3, kLargestReduced = 1e-3, kFullStep = 0.97;
 constexpr double kQuick = 0.6;           // what a step leaves of the certificate below which the interior point goes on
 constexpr int kSlowSteps = 3;            // that leave more, in a row, after which proximal Newton tries
 constexpr double kFirstProximal = 1e-4;  // certificate at which proximal Newton tries, once a start
@@ -39,11 +40,13 @@ constexpr double kWeight = 3e-4, kWeightShare = 30.0, kHighWeight = 0.3;  // its
 constexpr int kWarmProximal = 15, kSweptWarmProximal = 10, kProximal = 150, kProximalPatience = 60;
 constexpr int kLargeProximal = 800, kLargeProximalPatience = 400, kKnottedProximal = 500;
 constexpr int kFinish = 3, kLateFinish = 6, kLastFinish = 12;
+constexpr int kFinishProximal = 6;  // factorisations of proximal Newton in its place
+constexpr double kFinishWeight = 3e-5;
 constexpr int kLate = 25;  // interior-point iterations after which Newton tries earlier
 constexpr double kLateFactor = 100.0;
 constexpr int kPatience = 15, kSteps = 60;
-constexpr double kMargin = 0.5, kLargeMargin = 0.9;  // of the tolerance, for an island; the latter for a large one
-constexpr int kLarge = 250;  // sets beyond which the interior point only has to come near, for repair() to go on
+constexpr double kMargin = 0.9;  // of the tolerance, for an island
+constexpr int kLarge = 250;      // sets beyond which the interior point only has to come near, for repair() to go on
 // Continuation in friction: factors to begin with, by how much the factor grows, factorisations granted.
 constexpr double kFrictionStarts[] = {0.3, 0.1, 0.01};
 constexpr double kFrictionGrowth = 1.1, kMostFrictionGrowth = 1.3, kLeastFrictionGrowth = 1.001;
@@ -544,6 +547,11 @@ class Ladder {
     return take(result);
   }
 
+  bool finish(const GrowVector& from, bool late) {
+    if (!proximal_ || large()) return newton(from, late ? kLateFinish : kFinish);
+    return proximal_newton(from, kFinishProximal, kFinishWeight, kFinishProximal);
+  }
+
   /// More damped than from a guess, and given up as soon as it does not gain.
   bool finish_reduced(const GrowVector& from) {
     w_.newton.l = from;
@@ -577,8 +585,8 @@ class Ladder {
       const bool late = interior.held_back() || interior.iterations() > kLate;
       if (relative <= next * (late ? kLateFactor : 1.0)) {
         next = late ? 0.3 * relative / kLateFactor : 0.1 * relative;
-        if (newton(interior.impulse(), late ? kLateFinish : kFinish)) return true;
-      } else if (proximal_ && !late && relative <= reduced) {
+        if (finish(interior.impulse(), late)) return true;
+      } else if (proximal_ && !late && relative <= reduced && interior.last_step() >= kFullStep && interior.settled()) {
         reduced = 0.1 * relative;
         if (finish_reduced(interior.impulse())) return true;
       }
@@ -672,7 +680,7 @@ void solve_islands(const ContactProblem& problem, const Settings& settings, Auto
   Recorder recorder(problem, settings, solution);
   for (int k = 0; k < num_islands; ++k) {
     const int *members = w.members.data() + w.first[k], count = w.first[k + 1] - w.first[k];
-    const double tolerance = (may_repair && count > kLarge ? kLargeMargin : kMargin) * settings.tolerance;
+    const double tolerance = kMargin * settings.tolerance;
     if (guess && num_islands > 1) {
       const double share_weight = aim / Residual::largest_share(aim);
       if (island_residual(problem, members, count, settings.law, share_weight, solution.impulse, solution.velocity) <=

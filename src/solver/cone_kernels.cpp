@@ -146,4 +146,54 @@ double cone_complementarity(int n, const ConeBlock* blocks, double step) {
   return sum;
 }
 
+namespace {
+
+/// natural_map() of W cones, side by side; their |natural|^2 and |l|^2.
+template <bool DeSaxce>
+inline void natural_maps(const double* friction, int stride, const double* __restrict l, const double* __restrict t,
+                         double* __restrict natural, double (&error)[W], double (&size)[W]) {
+  for (int k = 0; k < W; ++k) {
+    const double l0 = l[3 * k], l1 = l[3 * k + 1], l2 = l[3 * k + 2];
+    const double t0 = t[3 * k], t1 = t[3 * k + 1], mu = friction[k * stride];
+    const double a0 = l0 - t0, a1 = l1 - t1;
+    const double a2 = l2 - t[3 * k + 2] - (DeSaxce ? mu * __builtin_sqrt(t0 * t0 + t1 * t1) : 0.0);
+    const double length = __builtin_sqrt(a0 * a0 + a1 * a1);
+    const double factor = (a2 + mu * length) / ((1.0 + mu * mu) * length);
+    const bool open = mu * length <= -a2, sticks = length <= mu * a2;
+    const double share = open ? 0.0 : sticks ? 1.0 : mu * factor;
+    const double e0 = l0 - share * a0, e1 = l1 - share * a1, e2 = l2 - (open ? 0.0 : sticks ? a2 : factor * length);
+    natural[3 * k] = e0, natural[3 * k + 1] = e1, natural[3 * k + 2] = e2;
+    error[k] = e0 * e0 + e1 * e1 + e2 * e2;
+    size[k] = l0 * l0 + l1 * l1 + l2 * l2;
+  }
+}
+
+template <bool DeSaxce>
+inline double all_natural_maps(int n, const double* friction, int stride, const double* l, const double* t,
+                               double* natural, double& size) {
+  double largest[W] = {}, sizes[W] = {}, nan[W] = {};
+  for (int i = 0; i < n; i += W) {
+    const int first = i + W <= n ? i : n - W;  // some twice
+    double error[W], own[W];
+    natural_maps<DeSaxce>(friction + first * stride, stride, l + 3 * first, t + 3 * first, natural + 3 * first, error,
+                          own);
+    for (int k = 0; k < W; ++k) {
+      nan[k] += 0.0 * error[k];
+      largest[k] = larger(largest[k], error[k]), sizes[k] = larger(sizes[k], own[k]);
+    }
+  }
+  double error = largest[0], bad = nan[0];
+  size = sizes[0];
+  for (int k = 1; k < W; ++k) error = larger(error, largest[k]), size = larger(size, sizes[k]), bad += nan[k];
+  return error + bad;
+}
+
+}  // namespace
+
+double cone_natural_map(int n, const double* friction, int stride, bool de_saxce, const double* l, const double* t,
+                        double* natural, double& size) {
+  return de_saxce ? all_natural_maps<true>(n, friction, stride, l, t, natural, size)
+                  : all_natural_maps<false>(n, friction, stride, l, t, natural, size);
+}
+
 }  // namespace signorini::SIGNORINI_KERNEL_NAMESPACE

@@ -4,7 +4,7 @@
 
 namespace signorini {
 
-/// What the interior point does to each cone, of n blocks; compiled once per instruction set.
+/// What is done to many cones at once; compiled once per instruction set. Blocks: those of the interior point.
 struct ConeKernels {
   /// From x and z: eta, w, lambda, h and what goes with them (T20).
   void (*scalings)(int n, ConeBlock* blocks);
@@ -16,6 +16,10 @@ struct ConeKernels {
   double (*longest_step)(int n, const ConeBlock* blocks);
   /// Sum of x . z after the step.
   double (*complementarity)(int n, const ConeBlock* blocks, double step);
+  /// natural = l - P_K(l - s) of n friction cones, s = t or, with de_saxce, t + Gamma(t): three values each. Returns
+  /// the largest |natural|^2 of a cone, NaN if one is, and in `size` the largest |l|^2.
+  double (*natural_map)(int n, const double* friction, int stride, bool de_saxce, const double* l, const double* t,
+                        double* natural, double& size);
 };
 
 const ConeKernels& cone_kernels();

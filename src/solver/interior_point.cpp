@@ -18,6 +18,7 @@ namespace signorini {
 namespace {
 
 constexpr double kToBoundary = 0.99;
+constexpr double kRough = 1e-5;  // certificate above which a few digits do not matter
 constexpr double kLateCentring = 0.1;
 constexpr int kLateIteration = 20;   // iterations after which centring is never less than kLateCentring
 constexpr int kHold = 8;             // iterations that a reduced theta is held, doubled at each recurrence
@@ -36,11 +37,11 @@ void InteriorPoint::start(ScaledProblem& problem, Law law, const GrowVector* l_g
   problem_ = &problem;
   law_ = law;
   elements_.clear();
+  elements_.reserve(static_cast<std::size_t>(problem.sets.num_sets()));
   fixed_.assign(static_cast<std::size_t>(n), 0);
   any_fixed_ = false;
   for (GrowVector* v : {&l_, &t_, &natural_, &residual_, &rhs_}) v->setZero(n);
   x_.resize(static_cast<std::size_t>(problem.sets.num_sets()));
-  y_.resize(x_.size());
   iterations_ = factorizations_ = negatives_ = hold_ = 0;
   hold_length_ = kHold;
   step_ = 1.0;
@@ -96,6 +97,7 @@ void InteriorPoint::start(ScaledProblem& problem, Law law, const GrowVector* l_g
     }
   }
 
+  if (any_fixed_) y_.resize(x_.size());
   arrange_cones();
   const double dual = 1.0 + (n > 0 ? problem.b.cwiseAbs().maxCoeff() : 0.0);
   // Around a guess and its velocity, as far inside the cones as the guess is off.
@@ -191,6 +193,25 @@ void InteriorPoint::evaluate() {
   mu_ = complementarity(0.0) / std::max<double>(1.0, static_cast<double>(elements_.size()));
 }
 
+bool InteriorPoint::settled() const {
+  for (std::size_t i = 0; i < elements_.size(); ++i) {
+    const Element& e = elements_[i];
+    const ConeBlock& cones = block_of(i);
+    const std::size_t k = i % ConeBlock::kWidth;
+    const double x0 = cones.x[0][k], z0 = cones.z[0][k];
+    if (e.line) {
+      if ((x0 > z0) != (x0 > e.sign * t_[e.row])) return false;
+      continue;
+    }
+    const double x1 = cones.x[1][k], x2 = cones.x[2][k], z1 = cones.z[1][k], z2 = cones.z[2][k];
+    const double xt = std::sqrt(x1 * x1 + x2 * x2), zt = std::sqrt(z1 * z1 + z2 * z2);
+    const bool open = x0 + xt < z0 - zt, sticks = z0 + zt < x0 - xt;
+    const double a0 = l_[e.row] - t_[e.row], a1 = l_[e.row + 1] - t_[e.row + 1], a2 = l_[e.row + 2] - t_[e.row + 2];
+    if (open != (a2 <= 0.0) || sticks != (a2 > 0.0 && std::sqrt(a0 * a0 + a1 * a1) <= e.friction * a2)) return false;
+  }
+  return true;
+}
+
 bool InteriorPoint::factor() {
   const double theta = law_ == Law::Ccp ? 0.0 : theta_;
   for (Eigen::Matrix3d& block : x_) block.setZero();
@@ -216,7 +237,7 @@ bool InteriorPoint::factor() {
         mu * (h01 - u1 * h11 - u2 * h12), mu * (h02 - u1 * h12 - u2 * h22), mu * mu * (h00 - u1 * h01 - u2 * h02);
   }
   ++factorizations_;
-  if (!any_fixed_) return problem_->system->factor(x_);
+  if (!any_fixed_) return problem_->system->factor(x_, relative_ > kRough);
   for (Index i = 0; i < problem_->sets.num_sets(); ++i) {  // a fixed row reads dl = 0
     const ConstraintSet& set = problem_->sets[i];
     Eigen::Matrix3d& y = y_[static_cast<std::size_t>(i)];

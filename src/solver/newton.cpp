@@ -17,6 +17,7 @@ namespace {
 constexpr int kWatch = 5;  // residuals that the nonmonotone line search looks back on
 constexpr int kMaxHalvings = 10;
 constexpr int kActiveHalvings = 6, kSweptHalvings = 1;
+constexpr double kHalf = 0.5;  // what half a step leaves at best: where less is asked for, only full ones are tried
 constexpr double kSmallestActiveDelta = 1e-9;
 constexpr double kStickDelta = 1e-7;
 constexpr int kChords = 4;          // steps with one factor after the first
@@ -243,16 +244,14 @@ void expand(const ScaledProblem& problem, const std::vector<ReducedSet>& sets, c
 }  // namespace
 
 void NewtonMemory::resize(Index size, Index num_sets) {
-  for (GrowVector* v : {&l, &t, &natural, &direction, &trial, &trial_t, &trial_natural, &best, &jump, &rhs, &centre,
-                        &nearest, &last, &move})
+  for (GrowVector* v : {&l, &t, &natural, &direction, &trial, &trial_t, &trial_natural, &best, &jump, &rhs})
     v->resize(size);
   reduced.resize(static_cast<std::size_t>(num_sets));
-  x.resize(static_cast<std::size_t>(num_sets));
-  y.resize(static_cast<std::size_t>(num_sets));
 }
 
 NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance, int max_iterations, NewtonMemory& m,
                                const IterateObserver& observe) {
+  m.x.resize(m.reduced.size()), m.y.resize(m.reduced.size());
   const NoMalloc guard;
   NewtonResult result;
   const auto evaluate = [&](const GrowVector& l, GrowVector& t, GrowVector& natural) {
@@ -345,12 +344,13 @@ NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, 
     merits[result.iterations % kWatch] = m.natural.norm();
     find_active(problem, m.l, m.t, m.reduced);
     ++result.factorizations;
-    const double delta = centre ? weight : std::clamp(search.delta * relative, kSmallestActiveDelta, kLargestDelta);
+    const double damping = search.delta * std::pow(relative, search.power);
+    const double delta = centre ? weight : std::clamp(damping, kSmallestActiveDelta, kLargestDelta);
     if (!problem.system->factor_reduced(m.reduced, delta)) break;
     find_direction();
 
     const double merit = m.natural.norm(), reference = *std::max_element(merits, merits + kWatch);
-    const int most_halvings = sweeps ? kSweptHalvings : kActiveHalvings;
+    const int most_halvings = sweeps ? kSweptHalvings : search.most_left < kHalf ? 0 : kActiveHalvings;
     double step = 1.0;
     for (int halvings = 0;; ++halvings, step *= 0.5) {
       m.trial = m.l + step * m.direction;
@@ -420,6 +420,7 @@ NewtonResult proximal_newton_iterations(ScaledProblem& problem, double tolerance
                                         int patience, NewtonMemory& m, const IterateObserver& observe,
                                         BlockSweeps* sweeps) {
   if (sweeps) sweeps->start(problem, &m.l);  // allocates
+  for (GrowVector* v : {&m.centre, &m.nearest, &m.last, &m.move}) v->resize(m.l.size());
   const NoMalloc guard;
   NewtonResult result;
   const auto evaluate = [&](const GrowVector& l) {

@@ -3,12 +3,15 @@
 #include <algorithm>
 #include <cmath>
 
+#include "cone_kernels.hpp"
+
 namespace signorini {
 
 void ScaledProblem::take(const ContactProblem& problem, const std::vector<int>* part, double tolerance, bool scaled) {
   share_weight = tolerance / Residual::largest_share(tolerance);
   const Index count = part ? static_cast<Index>(part->size()) : problem.num_sets();
   sets.clear();
+  sets.reserve(count);
   for (Index i = 0; i < count; ++i) sets.add(problem.sets()[part ? (*part)[i] : i]);
   for (GrowVector* v : {&scale, &b, &compliance_}) v->resize(sets.size());
   double largest = 0.0;
@@ -55,28 +58,34 @@ void ScaledProblem::regularize(const ContactProblem& problem, double weight) {
 double natural_residual(const ScaledProblem& problem, Law law, const ConstVectorRef& l, const ConstVectorRef& t,
                         VectorRef natural) {
   double error = 0.0, largest = problem.reference, cone_error = 0.0, largest_cone = 0.0;  // the latter two squared
-  for (const ConstraintSet& set : problem.sets) {
-    const Index o = set.offset;
-    if (set.type == SetType::FrictionCone) {
-      double shifted[3] = {l[o] - t[o], l[o + 1] - t[o + 1], l[o + 2] - t[o + 2]};
-      if (law == Law::Ncp) shifted[2] -= set.friction * std::sqrt(t[o] * t[o] + t[o + 1] * t[o + 1]);
-      project_friction_cone(set.friction, shifted, shifted);
-      double e = 0.0, m = 0.0;
-      for (Index k = 0; k < 3; ++k) {
-        const double v = natural[o + k] = l[o + k] - shifted[k];
-        e += v * v, m += l[o + k] * l[o + k];
+  if (3 * problem.sets.num_contacts() == problem.sets.size() && problem.sets.num_contacts() >= 8) {
+    static_assert(sizeof(ConstraintSet) % sizeof(double) == 0);
+    constexpr int stride = static_cast<int>(sizeof(ConstraintSet) / sizeof(double));
+    cone_error = cone_kernels().natural_map(static_cast<int>(problem.sets.num_contacts()), &problem.sets[0].friction,
+                                            stride, law == Law::Ncp, l.data(), t.data(), natural.data(), largest_cone);
+  } else
+    for (const ConstraintSet& set : problem.sets) {
+      const Index o = set.offset;
+      if (set.type == SetType::FrictionCone) {
+        double shifted[3] = {l[o] - t[o], l[o + 1] - t[o + 1], l[o + 2] - t[o + 2]};
+        if (law == Law::Ncp) shifted[2] -= set.friction * std::sqrt(t[o] * t[o] + t[o + 1] * t[o + 1]);
+        project_friction_cone(set.friction, shifted, shifted);
+        double e = 0.0, m = 0.0;
+        for (Index k = 0; k < 3; ++k) {
+          const double v = natural[o + k] = l[o + k] - shifted[k];
+          e += v * v, m += l[o + k] * l[o + k];
+        }
+        if (!(e <= cone_error)) cone_error = std::isnan(cone_error) ? cone_error : e;
+        if (m > largest_cone) largest_cone = m;
+      } else {
+        double p = l[o] - t[o];
+        project(set, &p, &p);
+        natural[o] = l[o] - p;
+        const double e = std::abs(natural[o]);
+        if (!(e <= error)) error = std::isnan(error) ? error : e;
+        if (std::abs(l[o]) > largest) largest = std::abs(l[o]);
       }
-      if (!(e <= cone_error)) cone_error = std::isnan(cone_error) ? cone_error : e;
-      if (m > largest_cone) largest_cone = m;
-    } else {
-      double p = l[o] - t[o];
-      project(set, &p, &p);
-      natural[o] = l[o] - p;
-      const double e = std::abs(natural[o]);
-      if (!(e <= error)) error = std::isnan(error) ? error : e;
-      if (std::abs(l[o]) > largest) largest = std::abs(l[o]);
     }
-  }
   const double e = std::sqrt(cone_error);
   if (!(e <= error)) error = std::isnan(error) ? error : e;
   largest = std::max(largest, std::sqrt(largest_cone));

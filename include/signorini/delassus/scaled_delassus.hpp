@@ -39,8 +39,8 @@ class ScaledDelassus {
   virtual void apply(const ConstVectorRef& x, VectorRef y) const = 0;
   /// Factors X + Y A. False when the matrix is singular or not finite.
   virtual bool factor(const BlockDiagonal& x, const BlockDiagonal& y) = 0;
-  /// Factors X + A.
-  virtual bool factor(const BlockDiagonal& x) = 0;
+  /// Factors X + A. rough: a few digits may be lost where that is faster.
+  virtual bool factor(const BlockDiagonal& x, bool rough = false) = 0;
   /// Sign of det(X + Y A) of the last factorisation: -1, 0 or 1.
   virtual int determinant_sign() const = 0;
   /// Solves with the last factorisation, in place.

@@ -53,6 +53,8 @@ class ConstraintSets {
   void set_friction(Index i, double friction);
   /// No sets again; the memory is kept.
   void clear();
+  /// Memory for so many sets.
+  void reserve(Index count) { sets_.reserve(static_cast<std::size_t>(count)); }
 
   Index size() const { return size_; }  ///< rows
   Index num_sets() const { return static_cast<Index>(sets_.size()); }

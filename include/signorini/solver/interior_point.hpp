@@ -25,6 +25,8 @@ class InteriorPoint {
   int iterations() const { return iterations_; }
   /// True after a step whose matrix had a negative determinant: the De Saxce derivative is held back.
   bool held_back() const { return theta_ < options.theta; }
+  /// Whether x and z tell the same of every contact as l and t do: open, sticks or slips.
+  bool settled() const;
   double last_step() const { return step_; }
 
   /// What restarts vary: every fixed choice stalls on some problems, and different choices on different ones.
@@ -45,6 +47,7 @@ class InteriorPoint {
     double sign = 1.0, bound = 0.0;  // line: x = sign (l - bound)
   };
 
+  const ConeBlock& block_of(std::size_t i) const { return cones_[i / ConeBlock::kWidth]; }
   ConeBlock& block_of(std::size_t i) { return cones_[i / ConeBlock::kWidth]; }
   void arrange_cones();
   void evaluate();                            // t_, residual_, relative_ and the complementarity

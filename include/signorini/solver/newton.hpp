@@ -37,9 +37,10 @@ NewtonResult newton_iterations(ScaledProblem& problem, Law law, double tolerance
 
 /// How active_newton_iterations() is damped, and when it gives up.
 struct ActiveSearch {
-  double delta = 1e-2;                                         ///< damping, of the residual
+  double delta = 1e-2;                                         ///< damping, of the residual to the power below
   double most_left = std::numeric_limits<double>::infinity();  ///< of the residual by an iteration, else it gives up
   bool velocity_known = false;                                 ///< memory.t is that of memory.l
+  double power = 1.0;
 };
 
 /// Semismooth Newton on Alart and Curnier's equations of the NCP, reduced to the rows that are active (section 9 of

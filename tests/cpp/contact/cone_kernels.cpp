@@ -149,4 +149,39 @@ BOOST_AUTO_TEST_CASE(without_a_boundary_ahead_the_step_has_no_end) {
   }
 }
 
+BOOST_AUTO_TEST_CASE(the_natural_maps_of_many_contacts_are_those_of_each) {
+  for (int k = 0; const ConeKernels* kernels = cone_kernels(k); ++k)
+    for (const bool de_saxce : {false, true})
+      for (int n = 8; n <= 25; ++n) {
+        Random random(static_cast<std::uint64_t>(n));
+        Vector l = random.vector(3 * n), t = random.vector(3 * n), friction(2 * n), natural(3 * n);
+        for (int i = 0; i < n; ++i) {
+          friction[2 * i] = random.uniform(0.0, 1.0) < 0.2 ? 0.0 : random.uniform(0.0, 2.0);
+          const double choice = random.uniform(0.0, 1.0);  // pressed hard, flung off, at rest without an impulse
+          if (choice < 0.3) l[3 * i + 2] += 5.0;
+          if (choice > 0.7) t[3 * i + 2] += 5.0;
+          if (choice > 0.45 && choice < 0.55) l.segment<3>(3 * i).setZero(), t.segment<3>(3 * i).setZero();
+        }
+        double error = 0.0, size = 0.0, found = 0.0;
+        const double largest =
+            kernels->natural_map(n, friction.data(), 2, de_saxce, l.data(), t.data(), natural.data(), found);
+        for (int i = 0; i < n; ++i) {
+          Vector3 a = (l - t).segment<3>(3 * i);
+          if (de_saxce) a[2] -= friction[2 * i] * t.segment<2>(3 * i).norm();
+          project_friction_cone(friction[2 * i], a.data(), a.data());
+          const Vector3 e = l.segment<3>(3 * i) - a;
+          BOOST_TEST((natural.segment<3>(3 * i) - e).norm() <= 1e-14 * (1.0 + l.norm()));
+          error = std::max(error, e.squaredNorm()), size = std::max(size, l.segment<3>(3 * i).squaredNorm());
+        }
+        BOOST_TEST(largest == error, boost::test_tools::tolerance(1e-12));
+        BOOST_TEST(found == size, boost::test_tools::tolerance(1e-12));
+        for (const int bad : {0, n - 1}) {
+          Vector with_nan = l;
+          with_nan[3 * bad + 1] = kNan;
+          BOOST_TEST(std::isnan(
+              kernels->natural_map(n, friction.data(), 2, de_saxce, with_nan.data(), t.data(), natural.data(), found)));
+        }
+      }
+}
+
 BOOST_AUTO_TEST_SUITE_END()
