@@ -5,6 +5,7 @@
 #include <limits>
 #include <sstream>
 #include <string>
+#include <type_traits>
 
 #include "signorini/errors.hpp"
 #include "signorini/types.hpp"
@@ -24,9 +25,14 @@ inline std::string in_full(double value) {
   return text;
 }
 
+template <typename Integer, typename = std::enable_if_t<std::is_integral_v<Integer>>>
+std::string in_full(Integer value) {
+  return std::to_string(value);
+}
+
 /// Raises InvalidInput "<field>: is <value>, must be <range>" unless allowed.
-template <typename Field>
-void require(bool allowed, const Field& field, double value, const char* range) {
+template <typename Field, typename Value>
+void require(bool allowed, const Field& field, Value value, const char* range) {
   if (!allowed) throw InvalidInput(field, "is " + in_full(value) + ", must be " + range);
 }
 

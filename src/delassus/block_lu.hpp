@@ -20,8 +20,8 @@ struct BlockLists {
   List operator[](int j) const { return {items.data() + first[j], items.data() + first[j + 1]}; }
 };
 
-/// Multifrontal LU of a square matrix of small dense blocks with a symmetric pattern and unsymmetric values: an
-/// approximate-minimum-degree order of the block graph, relaxed supernodes, dense fronts, row pivoting inside a
+/// Multifrontal LU of a square matrix of small dense blocks with a symmetric pattern and unsymmetric values: a
+/// minimum-degree order of the block graph (exact for up to 64 blocks, else AMD), relaxed supernodes, dense fronts, row pivoting inside a
 /// supernode. After analyze(), nothing here allocates.
 /// Reference: Duff and Reid 1983; Liu 1992 for the elimination tree and the stack of updates.
 class BlockLu {

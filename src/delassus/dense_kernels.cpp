@@ -480,11 +480,15 @@ int factor_top(int width, int p, int top, double* l, int ldl, int* pivots) {
 
 /// factor_panel() of p <= 24, and factor_symmetric_panel().
 template <bool Symmetric>
-int factor_small_panel(int width, int p, int n, double* l, int ldl, int* pivots, bool on_diagonal) {
+int factor_small_panel(int width, int p, int n, double* l, int ldl, int* pivots, [[maybe_unused]] bool on_diagonal) {
   const int top = n < kRegisters * W ? n : kRegisters * W;
-  constexpr Pivots first_try = Symmetric ? Pivots::Symmetric : Pivots::OnDiagonal;
-  int sign = on_diagonal ? factor_top<first_try>(width, p, top, l, ldl, pivots) : 0;
-  if (!Symmetric && sign == 0) sign = factor_top<Pivots::Sought>(width, p, top, l, ldl, pivots);
+  int sign = 0;
+  if constexpr (Symmetric) {
+    sign = factor_top<Pivots::Symmetric>(width, p, top, l, ldl, pivots);
+  } else {
+    if (on_diagonal) sign = factor_top<Pivots::OnDiagonal>(width, p, top, l, ldl, pivots);
+    if (sign == 0) sign = factor_top<Pivots::Sought>(width, p, top, l, ldl, pivots);
+  }
   if (sign == 0) return 0;
   int first = top;
   for (; first + 2 * W < n; first += 3 * W) divide_rows<3>(width, first, n - first < 3 * W ? n - first : 3 * W, l, ldl);
@@ -541,7 +545,7 @@ int factor_panel(int width, int p, int n, double* l, int ldl, int* pivots, [[may
 /// LU of a panel of a symmetric positive definite matrix, from its lower triangle; 0 when it is not that.
 int factor_symmetric_panel(int width, int n, double* l, int ldl) {
 #if defined(__AVX512F__)
-  return factor_small_panel<true>(width, width, n, l, ldl, nullptr, true);
+  return factor_small_panel<true>(width, width, n, l, ldl, nullptr, false);
 #else
   for (int k = 0; k < width; ++k) {
     double* column = l + k * ldl;

@@ -380,8 +380,10 @@ void Simulator::Impl::find_contacts() {
 /// Adds what the velocity just found would run into; false if there is nothing.
 bool Simulator::Impl::find_meetings(int round) {
   if (!motions.find(dynamics, assembler.velocity())) return false;
-  keep_round();
-  if (round <= kMostMeetings) return detector.add_meetings(motions.list(), settings.time_step, round == kMostMeetings);
+  if (round <= kMostMeetings) {
+    keep_round();
+    return detector.add_meetings(motions.list(), settings.time_step, round == kMostMeetings);
+  }
   detector.hold_back(motions.list(), settings.time_step);
   return false;
 }

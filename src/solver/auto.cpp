@@ -29,8 +29,8 @@ constexpr int kWarmNewton = 5;      // iterations granted to Newton from a guess
 constexpr int kWarmSweeps = 10;     // that follow where these do not do and the guess's certificate is above kFarOff
 constexpr double kFarOff = 1e-4;
 constexpr int kWarmPatience = 8, kWarmSteps = 15;
-constexpr double kFirstFinish = 1e-6;  // certificate at which Newton first tries to finish
-// The same on the active rows, over the number of sets, and at most; and how long a step has to be.
+constexpr double kFirstFinish = 1e-6;  // certificate at which finish() is first tried
+// The same of finish_reduced(), over the number of sets, and at most; and how long a step has to be.
 constexpr double kFirstReduced = 6e-3, kLargestReduced = 1e-3, kFullStep = 0.97;
 constexpr double kQuick = 0.6;           // what a step leaves of the certificate below which the interior point goes on
 constexpr int kSlowSteps = 3;            // that leave more, in a row, after which proximal Newton tries
@@ -223,7 +223,8 @@ class Ladder {
   bool large() const { return may_repair_ && problem_.sets.num_sets() > kLarge; }
   bool in_patches() const { return may_repair_ && problem_.sets.num_sets() >= kPatches; }
   int proximal_budget() const { return !large() ? kProximal : brief_ ? kKnottedProximal : kLargeProximal; }
-  bool out_of_budget() const { return factorizations >= max_factorizations_; }
+  int budget_left() const { return max_factorizations_ - factorizations; }
+  bool out_of_budget() const { return budget_left() <= 0; }
 
   /// The island as a problem of its own, which only the last rungs need.
   const ContactProblem& part() {
@@ -359,7 +360,6 @@ class Ladder {
     Settings settings;
     settings.law = law_;
     settings.tolerance = kPatchTolerance;
-    settings.max_iterations = kPatchBudget;
     Vector l = w_.best, t(problem_.size()), natural(problem_.size());
     std::vector<int> order(neighbours.size());
     std::vector<double> error(order.size());
@@ -386,6 +386,8 @@ class Ladder {
           // Of changing size: a knot on a patch's edge would come back round after round.
           const std::vector<int> patch = patch_around(neighbours, centre, kPatch * (1 + round % 3));
           for (std::size_t k = 0; k <= patch.size() / 2; ++k) covered[patch[k]] = 1;  // the inner half
+          const double share = static_cast<double>(patch.size()) / static_cast<double>(order.size());
+          settings.max_iterations = std::clamp(static_cast<int>(budget_left() / share), 1, kPatchBudget);
           solve_patch(patch, settings, workspace, solution, l);
         }
       }
@@ -488,16 +490,14 @@ class Ladder {
   /// where A does not list its columns.
   bool sweep_patches() {
     PatchResult result;
-    const int left = max_factorizations_ - factorizations;
-    if (!w_.patches.solve(problem_, tolerance_, left, w_.sweeps.impulse(), result)) return false;
+    if (!w_.patches.solve(problem_, tolerance_, budget_left(), w_.sweeps.impulse(), result)) return false;
     iterations += static_cast<int>(std::ceil(result.sweeps));
     factorizations += static_cast<int>(std::ceil(result.factorizations));
     if (observe_) observe_(w_.patches.impulse(), factorizations);
     offer(w_.patches.impulse(), result.relative, SolverType::Pgs);
     has_near_ = true, w_.near = w_.patches.impulse();
     knotted_ = result.knotted;
-    if (!done() && !knotted_ && !out_of_budget())
-      proximal_newton(w_.near, std::min(kLargeProximal, max_factorizations_ - factorizations));
+    if (!done() && !knotted_ && !out_of_budget()) proximal_newton(w_.near, kLargeProximal);
     return true;
   }
 
@@ -534,13 +534,15 @@ class Ladder {
   bool proximal_newton(const GrowVector& from, int max_factorizations, double weight, int patience,
                        BlockSweeps* sweeps = nullptr) {
     w_.newton.l = from;
-    const NewtonResult result = proximal_newton_iterations(problem_, tolerance_, weight, max_factorizations, patience,
-                                                           w_.newton, observer(), sweeps);
+    const NewtonResult result =
+        proximal_newton_iterations(problem_, tolerance_, weight, std::min(max_factorizations, budget_left()), patience,
+                                   w_.newton, observer(), sweeps);
     return take(result);
   }
 
   bool newton(const ConstVectorRef& from, int max_iterations) {
     w_.newton.l = from;
+    max_iterations = std::min(max_iterations, budget_left());
     const NewtonResult result =
         active_newton_ ? active_newton_iterations(problem_, tolerance_, aim_, max_iterations, w_.newton, observer())
                        : newton_iterations(problem_, law_, tolerance_, max_iterations, w_.newton, observer());
@@ -560,9 +562,8 @@ class Ladder {
     return take(result);
   }
 
-  /// Interior point, with Newton trying to finish, first on the active rows, then on all from kFirstFinish on, and
-  /// again each time the certificate has fallen tenfold. Gives up when the certificate has not halved in `patience`
-  /// steps.
+  /// Interior point, with Newton trying to finish: finish_reduced(), then finish() from kFirstFinish on, each again
+  /// when the certificate has fallen tenfold. Gives up when that has not halved in `patience` steps.
   bool interior_point(const GrowVector* guess, const InteriorPoint::Options& options, int patience, int max_steps) {
     InteriorPoint& interior = w_.interior_point;
     interior.options = options;

@@ -178,7 +178,7 @@ inline double all_natural_maps(int n, const double* friction, int stride, const 
     natural_maps<DeSaxce>(friction + first * stride, stride, l + 3 * first, t + 3 * first, natural + 3 * first, error,
                           own);
     for (int k = 0; k < W; ++k) {
-      nan[k] += 0.0 * error[k];
+      nan[k] += error[k] == error[k] ? 0.0 : error[k];
       largest[k] = larger(largest[k], error[k]), sizes[k] = larger(sizes[k], own[k]);
     }
   }

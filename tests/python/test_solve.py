@@ -303,6 +303,15 @@ def test_a_limit_of_auto_holds_for_patches_too():
         assert s.residual.relative < 0.1  # the best seen
 
 
+@pytest.mark.parametrize(("num_contacts", "limit"), [(120, 15), (120, 25), (300, 30)])
+def test_a_limit_of_auto_holds_for_its_long_attempts_too(num_contacts, limit):
+    problem = scenes.pile(num_contacts, mass_ratio=1e6)
+    assert signorini.solve(problem, tolerance=1e-9).factorizations > 2 * limit
+    s = signorini.solve(problem, tolerance=1e-9, max_iterations=limit)
+    assert s.status == "max iterations"
+    assert s.factorizations <= limit + 3
+
+
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_history_ends_in_the_answer(solver):
     mass, j, g, mu, impulse = planted_problem(11)

@@ -57,8 +57,6 @@ NewtonResult active_newton_iterations(ScaledProblem& problem, double tolerance, 
 /// singular. For systems that reduce() only.
 bool stick_everywhere(ScaledProblem& problem, NewtonMemory& memory);
 
-constexpr int kProximalPatience = 60;
-
 /// Proximal point method on the NCP: each step solves, by active_newton_iterations(), the problem with a quadratic term
 /// that holds the impulse near the last one. Far more robust than Newton alone where redundant contacts leave the
 /// impulse nearly free. For systems that reduce() only. weight: of that term in the first step. patience:
