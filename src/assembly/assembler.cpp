@@ -1037,7 +1037,7 @@ double Assembler::largest_left_out() {
   return trace > 0.0 ? std::sqrt(square * farthest->rows / trace) : 0.0;
 }
 
-void Assembler::select(const ConstVectorRef& guess, Law law) {
+void Assembler::select(const ConstVectorRef& guess, Law law, bool all) {
   if (law == Law::Ccp) set_load_speeds();
   selection_.clear();
   for (std::size_t i = 0; i < sets_.size(); ++i) {
@@ -1047,7 +1047,8 @@ void Assembler::select(const ConstVectorRef& guess, Law law) {
       acts = std::binary_search(selection_.begin(), selection_.end(), set.index);
     else
       for (int r = 0; r < set.rows; ++r) acts = acts || guess[set.start + r] != 0.0;
-    if (acts || (!set.spare && violated(set, g_.data() + set.start, law))) selection_.push_back(static_cast<int>(i));
+    if (all || acts || (!set.spare && violated(set, g_.data() + set.start, law)))
+      selection_.push_back(static_cast<int>(i));
   }
   write_problem();
 }

@@ -367,6 +367,14 @@ void Simulator::Impl::solve_contacts() {
       break;
     }
   } while (assembler.select_violated(impulse, law, sigma));
+  // Some contacts may have no answer where all of them have one.
+  const bool gives_up = settings.solver.solver != SolverType::Auto || settings.solver.max_iterations > 0;
+  const auto num_sets = static_cast<Index>(assembler.sets().size());
+  if (solution.status == Status::Solved || law == Law::Ccp || gives_up || assembler.problem().num_sets() == num_sets)
+    return;
+  assembler.select(impulse, law, true);
+  solve_selected();
+  assembler.select_violated(impulse, law, sigma);
 }
 
 /// Near ones, and those that fast bodies will meet if they go on as they do.

@@ -764,7 +764,7 @@ def test_closest_is_about_the_closest(kind):
         options = {"maxfev": 250, "xatol": 1e-3, "fatol": 1e-9}
         least = min(minimize(distance, start, method="Nelder-Mead", options=options).fun for start in starts)
         ratios.append(distance(ours) / least)
-    assert max(ratios) < {"in the air": 1.0 + 1e-6, "slipping": 1.2}.get(kind, 1.06)
+    assert max(ratios) < {"in the air": 1.0 + 1e-6, "slipping": 1.2}.get(kind, 1.1)
     assert np.median(ratios) < 1.005
 
 

@@ -105,8 +105,8 @@ class Assembler {
   void add_forces(const ConstVectorRef& impulse, double factor, std::vector<Wrench>& wrenches, VectorRef force) const;
 
   /// The problem of the sets that free_v violates (but spare contacts), that `guess` (num_rows values) has an impulse
-  /// for, or that are no contact or limit.
-  void select(const ConstVectorRef& guess, Law law);
+  /// for, or that are no contact or limit; or of all sets.
+  void select(const ConstVectorRef& guess, Law law, bool all = false);
   const ContactProblem& problem() const { return problem_; }
   /// Adds the sets which the answer to problem() violates; false if there are none. impulse, sigma: num_rows values,
   /// of the sets in the problem; sigma receives the velocities of the others.
