@@ -108,10 +108,10 @@ def number(field: str, value: Any) -> float:
         raise InvalidInputError(f"{field}: is {value!r}, must be a finite number") from None
 
 
-def count(field: str, value: Any, lowest: int = -(2**31)) -> int:
-    """value as an int of 32 bits, at least lowest; without one, the core knows the range."""
+def count(field: str, value: Any, lowest: int = -(2**31), bits: int = 31) -> int:
+    """value as an int in [lowest, 2^bits); without these, of 32 bits, and the core knows the range."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
         raise InvalidInputError(f"{field}: is {value!r}, must be an integer")
-    if not lowest <= value < 2**31:
-        raise InvalidInputError(f"{field}: is {value}, must be in [{lowest}, 2^31)")
+    if not lowest <= value < 2**bits:
+        raise InvalidInputError(f"{field}: is {value}, must be in [{lowest}, 2^{bits})")
     return int(value)

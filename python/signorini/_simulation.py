@@ -206,6 +206,7 @@ class StepReport:
 
     status: "solved" when the certificate holds at the tolerance. residual: that certificate. solver: what found
     the answer. deepest_overlap: at the start of the step [m]. steps, unsolved: counts.
+    iterations, factorizations: over all rounds (docs/simulation.md, S18) of the step.
     """
 
     status: str

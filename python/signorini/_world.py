@@ -365,8 +365,8 @@ class WorldBuilder:
         geometry.shape = _core_shape(shape)
         geometry.placement = _placement(position, orientation, field)
         geometry.material = _core_material(material or Material())
-        geometry.group = _arrays.count(f"{field}.group", group)
-        geometry.mask = _arrays.count(f"{field}.mask", mask)
+        geometry.group = _arrays.count(f"{field}.group", group, 0, bits=32)
+        geometry.mask = _arrays.count(f"{field}.mask", mask, 0, bits=32)
         return int(self._core.add_geometry(geometry))
 
     def add_visual(

@@ -327,3 +327,12 @@ def test_keyframes(tmp_path):
     np.testing.assert_allclose(v, [0, -1, 0, 0, 0, 2], atol=1e-15)  # half a turn about x
     with pytest.raises(InvalidInputError, match="up"):
         mjcf.keyframe(path, world, "down")
+
+
+def test_all_bits_of_contype_are_kept(tmp_path):
+    pytest.importorskip("mujoco")
+    file = tmp_path / "bits.xml"
+    file.write_text("""<mujoco><worldbody><body><freejoint/>
+      <geom size=".1" contype="-1" conaffinity="-2147483648"/></body></worldbody></mujoco>""")
+    geometry = load_world(file).geometries[0]
+    assert (geometry.group, geometry.mask) == (2**32 - 1, 2**31)

@@ -175,3 +175,10 @@ def test_friction_is_replaced(stack):
 def test_every_stress_keeps_the_size(stack):
     for name, stress in scenes.STRESSES.items():
         assert stress(stack).size == stack.size, name
+
+
+@pytest.mark.parametrize("make", [scenes.pile, scenes.chain])
+def test_seeds_have_63_bits(make):
+    make(3, seed=2**63 - 1)
+    with pytest.raises(signorini.InvalidInputError, match=r"^seed: is \d+, must be in \[0, 2\^63\)"):
+        make(3, seed=2**63)

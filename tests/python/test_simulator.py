@@ -534,3 +534,15 @@ def test_what_is_no_number_is_refused(field, give):
     for value in ("x", ["x"]):
         with pytest.raises(InvalidInputError, match=rf"\b{field}: is "):
             give(small_builder(), value)
+
+
+def test_groups_and_masks_have_32_bits():
+    builder = small_builder()
+    for bits in (1 << 31, 2**32 - 1):
+        index = builder.add_geometry("a", Sphere(0.1), group=bits, mask=bits)
+        geometry = builder.build().geometries[index]
+        assert (geometry.group, geometry.mask) == (bits, bits)
+    for field in ("group", "mask"):
+        for value in (-1, 2**32):
+            with pytest.raises(InvalidInputError, match=rf"\b{field}: is {value}, must be in \[0, 2\^32\)"):
+                builder.add_geometry("a", Sphere(0.1), **{field: value})

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import signorini
+from signorini import _arrays
 from signorini.scenes._bodies import (
     WORLD,
     Array,
@@ -52,7 +53,7 @@ def pile(
     Raises InvalidInputError naming the field for values out of range.
     """
     check_counts(1, num_contacts=num_contacts)
-    check_counts(0, seed=seed)
+    _arrays.count("seed", seed, 0, bits=63)
     check_positive(contacts_per_sphere=contacts_per_sphere, mass_ratio=mass_ratio, radius=radius, dt=dt)
     check_finite(speed=speed, friction=friction)
     if layers is not None:
@@ -174,7 +175,7 @@ def chain(
     Raises InvalidInputError for less than two links, or a mass ratio or step that is not positive.
     """
     check_counts(2, num_links=num_links)
-    check_counts(0, seed=seed)
+    _arrays.count("seed", seed, 0, bits=63)
     check_positive(mass_ratio=mass_ratio, dt=dt)
     check_finite(speed=speed, friction=friction)
     random = np.random.default_rng(seed)
