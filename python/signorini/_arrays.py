@@ -100,6 +100,8 @@ def csc_arrays(value: sp.csc_array) -> CscArrays:
 
 def number(field: str, value: Any) -> float:
     """value as a float. bool is refused: it is never meant."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise InvalidInputError(f"{field}: is {value!r}, must be a number")
     try:

@@ -102,7 +102,7 @@ def solve(
     )  # fmt: skip
     try:
         settings = _known_settings(*arguments)
-    except TypeError:  # one is not hashable, and will be refused
+    except (TypeError, ValueError):  # one has no hash; mostly it is refused
         settings = _settings(*arguments)
 
     if workspace is not None and not isinstance(workspace, Workspace):

@@ -148,9 +148,12 @@ def suggest(field: str, name: str, known: Iterable[str]) -> InvalidInputError:
 
 def _numbers(value: ArrayLike, field: str) -> Array:
     try:
-        return np.asarray(value, dtype=np.float64)
+        array = np.asarray(value)
     except (ValueError, TypeError):
-        raise InvalidInputError(f"{field}: is {value!r}, must be an array of numbers") from None
+        array = np.asarray(None)
+    if array.dtype.kind not in "iufb" or (isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value)):
+        raise InvalidInputError(f"{field}: is {value!r}, must be an array of numbers")
+    return np.asarray(array, dtype=np.float64)
 
 
 def _vector(value: ArrayLike, size: int, field: str) -> Array:
@@ -224,7 +227,7 @@ def _core_shape(shape: Shape) -> Any:
             return make.half_space()
         case Convex():
             vertices = np.ascontiguousarray(_numbers(shape.vertices, "vertices"))
-            triangles = np.ascontiguousarray(shape.triangles, dtype=np.int32)
+            triangles = np.ascontiguousarray(_numbers(shape.triangles, "triangles"), dtype=np.int32)
             for field, array in (("vertices", vertices), ("triangles", triangles)):
                 if array.ndim != 2 or array.shape[1] != 3:
                     raise InvalidInputError(f"{field}: has shape {array.shape}, must be n x 3")
@@ -395,7 +398,8 @@ class WorldBuilder:
 
     def add_ground(self, material: Material | None = None, height: float = 0.0, name: str = "ground") -> int:
         """Adds a half space below z = height [m], fixed to the world; returns its index. material: None: Material()."""
-        return self.add_geometry(WORLD, HalfSpace(), position=(0.0, 0.0, height), material=material, name=name)
+        position = (0.0, 0.0, _arrays.number("height", height))
+        return self.add_geometry(WORLD, HalfSpace(), position=position, material=material, name=name)
 
     def exclude(self, body_a: str, body_b: str) -> None:
         """The geometries of these two bodies never touch, unless set_pair_material is called for them afterwards."""
@@ -536,8 +540,9 @@ class WorldBuilder:
         """
         if kind not in ("joint", "tendon", None):
             raise InvalidInputError(f"kind: is {kind!r}, must be joint, tendon or None")
-        if not 1 <= len(coefficients) <= 5:
-            raise InvalidInputError(f"coefficients: has {len(coefficients)} values, must have 1 to 5")
+        factors = _numbers(coefficients, "coefficients")
+        if factors.ndim != 1 or not 1 <= factors.size <= 5:
+            raise InvalidInputError(f"coefficients: has shape {factors.shape}, must have 1 to 5 values")
         constraint = self._constraint("coupling", name, stiffness, damping)
         for side, value in (("b", joint), ("a", driver)):
             if value is None:

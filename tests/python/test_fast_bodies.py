@@ -346,8 +346,8 @@ def test_a_restored_simulator_with_fast_bodies_goes_on_bit_for_bit():
 
 
 def test_what_a_second_meeting_does_not_touch_is_not_solved_again():
-    """The ball slides along one plate into another, which the answer of a first problem leads to. A stack far away, with
-    nothing to start from, is in that problem and in the next one."""
+    """The ball slides along one plate into another, which the answer of a first problem leads to. A stack far away,
+    with nothing to start from, is in that problem and in the next one."""
 
     def factorizations(with_ball):
         builder = WorldBuilder()

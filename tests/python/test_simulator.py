@@ -12,6 +12,7 @@ from test_physics import add_box, add_sphere, pendulum, plate
 import signorini
 from signorini import (
     Capsule,
+    Convex,
     InvalidInputError,
     Joint,
     Material,
@@ -546,3 +547,22 @@ def test_groups_and_masks_have_32_bits():
         for value in (-1, 2**32):
             with pytest.raises(InvalidInputError, match=rf"\b{field}: is {value}, must be in \[0, 2\^32\)"):
                 builder.add_geometry("a", Sphere(0.1), **{field: value})
+
+
+def test_numbers_are_numbers_however_they_come():
+    builder = WorldBuilder()
+    for refused in (["1", "2", "3"], [1j, 0, 0], np.ma.masked_array([1.0, 2.0, 3.0], [0, 1, 0]), None):
+        with pytest.raises(InvalidInputError, match="position"):
+            builder.add_body("b", position=refused)
+    with pytest.raises(InvalidInputError, match="height"):
+        builder.add_ground(height="x")
+    with pytest.raises(InvalidInputError, match="triangles"):
+        builder.add_geometry("world", Convex(np.eye(3), [["x", 1, 2]]))
+    builder.add_body("b", position=(0.0, 0.0, 1.0), mass=np.array(1.0), joints=[Joint("b", "free")], inertia=np.eye(3))
+    builder.add_body("c", joints=[Joint("hinge", "revolute")], mass=1.0, inertia=np.eye(3))
+    for refused in (None, 5, [], ["x"]):
+        with pytest.raises(InvalidInputError, match="coefficients"):
+            builder.add_coupling("hinge", None, coefficients=refused)
+    simulator = Simulator(builder.build())
+    with pytest.raises(InvalidInputError, match="q"):
+        simulator.state.q = None

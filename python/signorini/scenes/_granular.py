@@ -126,8 +126,7 @@ def _settle(random: np.random.Generator, radii: Array, half_width: float, sweeps
 def _nearest_contacts(
     centres: Array, radii: Array, half_width: float, num_contacts: int, friction: float, radius: float
 ) -> Contacts | None:
-    """num_contacts of them: what touches a wall or the ground, then the pairs with the smallest gaps; None when there are
-    not as many."""
+    """num_contacts: what touches a wall or the ground, then the nearest pairs; None when there are fewer."""
     pairs = cKDTree(centres).query_pairs(2.0 * _SPREAD[1] + _MARGIN, output_type="ndarray").astype(np.int64)
     offset = centres[pairs[:, 1]] - centres[pairs[:, 0]]
     distance = np.linalg.norm(offset, axis=1)

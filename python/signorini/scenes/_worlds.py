@@ -339,7 +339,7 @@ def gymnasium_file(name: str) -> Path:
 
 def _check_type(option: str, value: Any, default: Any) -> None:
     if isinstance(default, bool):
-        if not isinstance(value, (bool, int)) or value not in (0, 1):
+        if not isinstance(value, (bool, np.bool_, int)) or value not in (0, 1):
             raise InvalidInputError(f"{option}: is {value!r}, must be 0 or 1")
     elif isinstance(default, int):
         if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
