@@ -21,9 +21,9 @@ struct BlockLists {
 };
 
 /// Multifrontal LU of a square matrix of small dense blocks with a symmetric pattern and unsymmetric values: a
-/// minimum-degree order of the block graph (exact for up to 64 blocks, else AMD), relaxed supernodes, dense fronts, row pivoting inside a
-/// supernode. After analyze(), nothing here allocates.
-/// Reference: Duff and Reid 1983; Liu 1992 for the elimination tree and the stack of updates.
+/// minimum-degree order of the block graph (exact for up to 64 blocks, else AMD), relaxed supernodes, dense fronts, row
+/// pivoting inside a supernode. After analyze(), nothing here allocates. Reference: Duff and Reid 1983; Liu 1992 for
+/// the elimination tree and the stack of updates.
 class BlockLu {
  public:
   /// A pair of blocks (i, j) and (j, i), i >= j; for i = j one block.

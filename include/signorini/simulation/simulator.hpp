@@ -47,11 +47,11 @@ struct StepReport {
   SolverType solver = SolverType::Auto;
   Residual residual;
   int iterations = 0, factorizations = 0;  ///< of all rounds of the step (S18)
-  Index num_contacts = 0;        ///< contact points within the margin
-  Index num_constraints = 0;     ///< sets in the problem: of contacts and limits, those that may act
-  double deepest_overlap = 0.0;  ///< of a contact at the start of the step [m], >= 0
-  std::uint64_t steps = 0;       ///< since the simulator was made or reset
-  std::uint64_t unsolved = 0;    ///< of these
+  Index num_contacts = 0;                  ///< contact points within the margin
+  Index num_constraints = 0;               ///< sets in the problem: of contacts and limits, those that may act
+  double deepest_overlap = 0.0;            ///< of a contact at the start of the step [m], >= 0
+  std::uint64_t steps = 0;                 ///< since the simulator was made or reset
+  std::uint64_t unsolved = 0;              ///< of these
 };
 
 /// Two geometries near each other, and their smallest distance [m].
