@@ -22,8 +22,8 @@ def is_sparse(value: Any) -> bool:
     return sparse is not None and bool(sparse.issparse(value))
 
 
-def numbers(field: str, value: Any, ndim: int) -> Array:
-    """value as a float64 array of ndim dimensions."""
+def numbers(field: str, value: Any, ndim: int | None = None) -> Array:
+    """value as a float64 array of ndim dimensions; None: of any."""
     try:
         array = np.asarray(value)
     except (ValueError, TypeError) as error:
@@ -32,10 +32,12 @@ def numbers(field: str, value: Any, ndim: int) -> Array:
         raise InvalidInputError(f"{field}: has masked entries, must have none")
     # An empty list has no type of its own; numpy calls it float64.
     if array.dtype.kind not in "iuf":
-        raise InvalidInputError(f"{field}: has entries of type {array.dtype}, must be real numbers")
-    if array.ndim != ndim:
+        what = f"is {value!r}" if array.ndim == 0 else f"has entries of type {array.dtype}"
+        raise InvalidInputError(f"{field}: {what}, must be real numbers")
+    if ndim is not None and array.ndim != ndim:
         raise InvalidInputError(f"{field}: has shape {array.shape}, must have {ndim} dimension{'s' * (ndim > 1)}")
-    return np.ascontiguousarray(array, dtype=np.float64)
+    # Of no dimension it would get one.
+    return np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
 
 
 def vector(field: str, value: Any, size: int | None = None) -> Array:

@@ -17,7 +17,7 @@ from signorini._core import InvalidInputError
 from signorini._problem import Constraint, ContactProblem, Equality, FrictionCone, HalfLine, Interval
 from signorini._solution import Residual
 from signorini._solve import LawName, SolverName
-from signorini._world import WORLD, Array, World, _numbers
+from signorini._world import WORLD, Array, World
 
 OnUnsolved = Literal["continue", "warn", "raise"]
 ContactModeName = Literal["open", "stick", "slide"]
@@ -282,7 +282,7 @@ class State:
 
 
 def _fill(field: str, target: Array, value: ArrayLike) -> None:
-    array = _numbers(value, field)
+    array = _arrays.numbers(field, value)
     if array.shape not in (target.shape, ()):
         raise InvalidInputError(f"{field}: has shape {array.shape}, must be {target.shape}")
     target[:] = array
@@ -410,7 +410,7 @@ class Simulator:
             if controls is not None:
                 raise InvalidInputError("controls: are given, must be None where there is a controller")
             return self._run_controlled(count, controller, keep_states)
-        given = np.zeros((0, 0)) if controls is None else _numbers(controls, "controls")
+        given = np.zeros((0, 0)) if controls is None else _arrays.numbers("controls", controls)
         if given.ndim != 2:
             raise InvalidInputError(f"controls: has shape {given.shape}, must be ({num_steps}, {len(self._control)})")
         seconds, relative, penetration = np.empty(count), np.empty(count), np.empty(count)
@@ -570,7 +570,7 @@ def rollout(
 
     Raises InvalidInputError naming the field, its value and what is allowed.
     """
-    start = np.ascontiguousarray(_numbers(states, "states"))
+    start = _arrays.numbers("states", states)
     width = world.num_q + world.num_v
     if start.ndim != 2 or start.shape[1] != width:
         raise InvalidInputError(f"states: has shape {start.shape}, must be (simulations, {width})")
@@ -580,7 +580,7 @@ def rollout(
             raise InvalidInputError("num_steps: is missing, must be given where there are no controls")
         steps = _arrays.count("num_steps", num_steps, 0)
     else:
-        given = np.ascontiguousarray(_numbers(controls, "controls"))
+        given = _arrays.numbers("controls", controls)
         if given.ndim != 3 or given.shape[0] != start.shape[0] or given.shape[2] != world.num_controls:
             raise InvalidInputError(
                 f"controls: has shape {given.shape}, must be ({start.shape[0]}, steps, {world.num_controls})"

@@ -146,18 +146,8 @@ def suggest(field: str, name: str, known: Iterable[str]) -> InvalidInputError:
     return InvalidInputError(f"{field}: there is no {name!r}" + (f"; did you mean {some}?" if near else ""))
 
 
-def _numbers(value: ArrayLike, field: str) -> Array:
-    try:
-        array = np.asarray(value)
-    except (ValueError, TypeError):
-        array = np.asarray(None)
-    if array.dtype.kind not in "iufb" or (isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value)):
-        raise InvalidInputError(f"{field}: is {value!r}, must be an array of numbers")
-    return np.asarray(array, dtype=np.float64)
-
-
 def _vector(value: ArrayLike, size: int, field: str) -> Array:
-    array = _numbers(value, field)
+    array = _arrays.numbers(field, value)
     if array.shape != (size,):
         raise InvalidInputError(f"{field}: has shape {array.shape}, must have {size} values")
     return array
@@ -165,7 +155,7 @@ def _vector(value: ArrayLike, size: int, field: str) -> Array:
 
 def _rotation(value: ArrayLike, field: str) -> Array:
     """3 x 3, from a matrix or a quaternion (x, y, z, w)."""
-    array = _numbers(value, field)
+    array = _arrays.numbers(field, value)
     if array.shape == (3, 3):
         return array
     if array.shape != (4,):
@@ -226,14 +216,16 @@ def _core_shape(shape: Shape) -> Any:
         case HalfSpace():
             return make.half_space()
         case Convex():
-            vertices = np.ascontiguousarray(_numbers(shape.vertices, "vertices"))
-            triangles = np.ascontiguousarray(_numbers(shape.triangles, "triangles"), dtype=np.int32)
+            vertices = _arrays.numbers("vertices", shape.vertices)
+            triangles = _arrays.numbers("triangles", shape.triangles)
+            if not ((np.abs(triangles) < 2**31) & (np.floor(triangles) == triangles)).all():
+                raise InvalidInputError("triangles: has entries that are no integers, must be numbers of vertices")
             for field, array in (("vertices", vertices), ("triangles", triangles)):
                 if array.ndim != 2 or array.shape[1] != 3:
                     raise InvalidInputError(f"{field}: has shape {array.shape}, must be n x 3")
-            return make.convex(vertices, triangles)
+            return make.convex(vertices, triangles.astype(np.int32))
         case HeightField():
-            heights = np.ascontiguousarray(_numbers(shape.heights, "heights"))
+            heights = _arrays.numbers("heights", shape.heights)
             if heights.ndim != 2:
                 raise InvalidInputError(f"heights: has shape {heights.shape}, must be rows x columns")
             half_x, half_y = _vector(shape.half_extents, 2, "half_extents")
@@ -332,7 +324,7 @@ class WorldBuilder:
         body.placement = _placement(position, orientation, field)
         body.mass = _arrays.number(f"{field}.mass", mass)
         body.center = _vector(center, 3, f"{field}.center")
-        matrix = np.zeros((3, 3)) if inertia is None else _numbers(inertia, f"{field}.inertia")
+        matrix = np.zeros((3, 3)) if inertia is None else _arrays.numbers(f"{field}.inertia", inertia)
         if matrix.shape != (3, 3):
             raise InvalidInputError(f"{field}.inertia: has shape {matrix.shape}, must be 3 x 3")
         body.inertia = matrix
@@ -540,7 +532,7 @@ class WorldBuilder:
         """
         if kind not in ("joint", "tendon", None):
             raise InvalidInputError(f"kind: is {kind!r}, must be joint, tendon or None")
-        factors = _numbers(coefficients, "coefficients")
+        factors = _arrays.numbers("coefficients", coefficients)
         if factors.ndim != 1 or not 1 <= factors.size <= 5:
             raise InvalidInputError(f"coefficients: has shape {factors.shape}, must have 1 to 5 values")
         constraint = self._constraint("coupling", name, stiffness, damping)

@@ -138,8 +138,7 @@ class Ladder {
       const bool found = proximal_ ? sweep_and_go_on(*guess) : interior_point(guess, {}, kWarmPatience, kWarmSteps);
       if (found) return;
     }
-    const Index num_sets = problem_.sets.num_sets();
-    const int steps = num_sets > kLarge ? kLate : kSteps;
+    const int steps = problem_.sets.num_sets() > kLarge ? kLate : kSteps;
     for (const InteriorPoint::Options& options : kAttempts) {
       const bool near = &options == kAttempts;
       if (near && !has_near_) continue;
@@ -158,7 +157,7 @@ class Ladder {
         friction_continuation())
       return;
     if (!out_of_budget() && continuation()) return;
-    if (may_repair_ && num_sets > kPatch && !out_of_budget() && repair()) return;
+    if (may_repair_ && many() && !out_of_budget() && repair()) return;
     if (may_repair_ && max_factorizations_ >= kBudget) first_order();
   }
 

@@ -533,7 +533,7 @@ def small_builder():
 )
 def test_what_is_no_number_is_refused(field, give):
     for value in ("x", ["x"]):
-        with pytest.raises(InvalidInputError, match=rf"\b{field}: is "):
+        with pytest.raises(InvalidInputError, match=rf"\b{field}: (is|has entries of type) "):
             give(small_builder(), value)
 
 
@@ -556,8 +556,9 @@ def test_numbers_are_numbers_however_they_come():
             builder.add_body("b", position=refused)
     with pytest.raises(InvalidInputError, match="height"):
         builder.add_ground(height="x")
-    with pytest.raises(InvalidInputError, match="triangles"):
-        builder.add_geometry("world", Convex(np.eye(3), [["x", 1, 2]]))
+    for refused in ("x", 0.5, np.nan, 2**31):
+        with pytest.raises(InvalidInputError, match="triangles"):
+            builder.add_geometry("world", Convex(np.eye(3), [[refused, 1, 2]]))
     builder.add_body("b", position=(0.0, 0.0, 1.0), mass=np.array(1.0), joints=[Joint("b", "free")], inertia=np.eye(3))
     builder.add_body("c", joints=[Joint("hinge", "revolute")], mass=1.0, inertia=np.eye(3))
     for refused in (None, 5, [], ["x"]):
