@@ -69,6 +69,10 @@ constexpr InteriorPoint::Options kAttempts[] = {{30.0, 0.03, 1.0},   {30.0, 0.03
                                                 {1000.0, 0.03, 1.0}, {0.01, 0.03, 1.0}, {10.0, 0.1, 1.0},
                                                 {100.0, 0.03, 0.9}};
 
+/// In large islands, before those: it goes on for long, and comes near where others stop.
+constexpr InteriorPoint::Options kLargeAttempt{30.0, 0.03, 1.0, 1e-3};
+constexpr int kLargePatience = 50, kLargeSteps = 200;
+
 /// For each set, the others that it acts on directly.
 std::vector<std::vector<int>> contact_graph(const ContactProblem& problem) {
   std::vector<int> set_of(static_cast<std::size_t>(problem.size()));
@@ -137,6 +141,11 @@ class Ladder {
     if (guess && !sweeps_first) {
       const bool found = proximal_ ? sweep_and_go_on(*guess) : interior_point(guess, {}, kWarmPatience, kWarmSteps);
       if (found) return;
+    }
+    if (proximal_ && large()) {
+      if (interior_point(nullptr, kLargeAttempt, kLargePatience, kLargeSteps)) return;
+      if (acceptable()) return;
+      if (!out_of_budget() && proximal_newton(w_.best, proximal_budget())) return;
     }
     const int steps = problem_.sets.num_sets() > kLarge ? kLate : kSteps;
     for (const InteriorPoint::Options& options : kAttempts) {
@@ -566,6 +575,7 @@ class Ladder {
   bool interior_point(const GrowVector* guess, const InteriorPoint::Options& options, int patience, int max_steps) {
     InteriorPoint& interior = w_.interior_point;
     interior.options = options;
+    const bool patient = options.weight > 0.0;
     interior.start(problem_, law_, guess);
     tried_proximal_ = false;
     double last = std::numeric_limits<double>::infinity(), next = kFirstFinish, milestone = last;
@@ -578,11 +588,11 @@ class Ladder {
       if (relative <= 0.5 * milestone) milestone = relative, since = 0;
       if (++since > patience || interior.iterations() >= max_steps || out_of_budget()) return false;
       slow = relative > kQuick * last ? slow + 1 : 0;
-      if (proximal_ && relative <= kFirstProximal && slow >= kSlowSteps && !tried_proximal_) {
+      if (proximal_ && !patient && relative <= kFirstProximal && slow >= kSlowSteps && !tried_proximal_) {
         tried_proximal_ = true;
         if (proximal_newton(interior.impulse(), proximal_budget())) return true;
       }
-      const bool late = interior.held_back() || interior.iterations() > kLate;
+      const bool late = !patient && (interior.held_back() || interior.iterations() > kLate);
       if (relative <= next * (late ? kLateFactor : 1.0)) {
         next = late ? 0.3 * relative / kLateFactor : 0.1 * relative;
         if (finish(interior.impulse(), late)) return true;

@@ -23,6 +23,8 @@ constexpr double kLateCentring = 0.1;
 constexpr int kLateIteration = 20;   // iterations after which centring is never less than kLateCentring
 constexpr int kHold = 8;             // iterations that a reduced theta is held, doubled at each recurrence
 constexpr double kEquality = 1e-10;  // keeps redundant one-row sets factorable
+// The weight of the proximal term: how it rises, and falls from step to step; beyond the range there is none.
+constexpr double kWeightRise = 4.0, kWeightFall = 0.7, kLeastWeight = 1e-9, kMostWeight = 10.0;
 // How far inside the cones it starts from a guess: at least, and of the velocity over the largest error.
 constexpr double kInside = 1e-3, kInsideVelocity = 0.3;
 
@@ -46,6 +48,7 @@ void InteriorPoint::start(ScaledProblem& problem, Law law, const GrowVector* l_g
   hold_length_ = kHold;
   step_ = 1.0;
   theta_ = options.theta;
+  weight_ = 0.0;
 
   for (Index i = 0; i < problem.sets.num_sets(); ++i) {
     const ConstraintSet& set = problem.sets[i];
@@ -235,6 +238,11 @@ bool InteriorPoint::factor() {
     block << h11, h12, mu * h01,  //
         h12, h22, mu * h02,       //
         mu * (h01 - u1 * h11 - u2 * h12), mu * (h02 - u1 * h12 - u2 * h22), mu * mu * (h00 - u1 * h01 - u2 * h02);
+    if (weight_ > 0.0) {  // nearly none where the contact sticks, all of it where it slips or opens (T25)
+      const double x = cones.x[0][k] - std::hypot(cones.x[1][k], cones.x[2][k]);
+      const double z = cones.z[0][k] + std::hypot(cones.z[1][k], cones.z[2][k]);
+      block.diagonal().array() += weight_ * z / (x + z);
+    }
   }
   ++factorizations_;
   if (!any_fixed_) return problem_->system->factor(x_, relative_ > kRough);
@@ -284,6 +292,12 @@ double InteriorPoint::complementarity(double step) const {
   return cone_kernels().complementarity(static_cast<int>(cones_.size()), cones_.data(), step);
 }
 
+bool InteriorPoint::turns_away() {
+  if (law_ == Law::Ccp || problem_->system->determinant_sign() >= 0) return false;
+  ++negatives_;
+  return true;
+}
+
 bool InteriorPoint::step() {
   const NoMalloc guard;
   const ConeKernels& kernels = cone_kernels();
@@ -293,10 +307,15 @@ bool InteriorPoint::step() {
     --hold_;
   else
     theta_ = options.theta;
+  weight_ = weight_ > kLeastWeight ? kWeightFall * weight_ : 0.0;
   if (!factor()) return false;
-  // A negative determinant means a branch of the NCP that turns away: hold the De Saxce derivative back (T25).
-  while (law_ == Law::Ncp && theta_ > 0.0 && problem_->system->determinant_sign() < 0) {
-    ++negatives_;
+  // A negative determinant means a branch of the NCP that turns away: hold the impulse near where it is, or the
+  // De Saxce derivative back (T25).
+  while (options.weight > 0.0 && weight_ < kMostWeight && turns_away()) {
+    weight_ = std::max(kWeightRise * weight_, options.weight);
+    if (!factor()) return false;
+  }
+  while (options.weight == 0.0 && theta_ > 0.0 && turns_away()) {
     if (hold_ == 0) hold_ = hold_length_, hold_length_ *= 2;
     theta_ *= 0.5;
     if (theta_ < 0.1) theta_ = 0.0;

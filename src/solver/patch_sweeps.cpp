@@ -18,12 +18,12 @@ constexpr double kInner = 0.5;  // of a patch, nearest to its centre: what needs
 constexpr int kPatchSweeps = 30, kMemory = 4;
 constexpr double kPatchGain = 0.1, kStalled = 0.5;
 constexpr double kLeastKnot = 300.0, kKnotWeight = 3e-4;  // sets, as many as a patch has if more; of proximal Newton
-constexpr int kKnotFactorizations = 100;
+constexpr int kKnotFactorizations = 30;
 constexpr double kBar = 0.5, kPatchAim = 0.3;  // of the tolerance: error that asks for a patch, and what that aims at
 // When it gives up: after so many sweeps, or half as many if more than half of what asked for a patch still does; after
 // so many factorisations in an island of 1000 sets, growing as the root, since the larger the island the cheaper they
 // are beside those of all of it.
-constexpr double kSweepBudget = 2000.0, kKnotBudget = 50.0;
+constexpr double kSweepBudget = 1000.0, kKnotBudget = 10.0;
 constexpr int kMostRounds = 40;
 
 }  // namespace

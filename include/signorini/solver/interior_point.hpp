@@ -34,6 +34,9 @@ class InteriorPoint {
     double start_scale = 30.0;     ///< size of the starting impulse
     double least_centring = 0.03;  ///< of the first iterations
     double theta = 1.0;            ///< share of the De Saxce derivative kept in the matrix
+    /// On a branch of the NCP that turns away: 0, holds that share back; else a proximal term, of this weight at first,
+    /// holds back the contacts that slip.
+    double weight = 0.0;
   };
   Options options;
 
@@ -52,6 +55,7 @@ class InteriorPoint {
   void arrange_cones();
   void evaluate();                            // t_, residual_, relative_ and the complementarity
   bool factor();                              // X + A (T23)
+  bool turns_away();                          // whether that has a negative determinant
   void direction();                           // dx, dz of every element from its centre
   double complementarity(double step) const;  // sum of x . z after the step
 
@@ -63,7 +67,7 @@ class InteriorPoint {
   bool any_fixed_ = false;
   GrowVector l_, t_, natural_, residual_, rhs_;
   BlockDiagonal x_, y_;
-  double relative_ = 0.0, mu_ = 0.0, step_ = 1.0, theta_ = 1.0;
+  double relative_ = 0.0, mu_ = 0.0, step_ = 1.0, theta_ = 1.0, weight_ = 0.0;
   int iterations_ = 0, factorizations_ = 0, negatives_ = 0, hold_ = 0, hold_length_ = 8;
 };
 
