@@ -38,7 +38,7 @@ constexpr double kFirstProximal = 1e-4;  // certificate at which proximal Newton
 constexpr double kWeight = 3e-4, kWeightShare = 30.0, kHighWeight = 0.3;  // its first weight; late: of the certificate
 // Factorisations granted to it, and how many of them without halving the certificate; for a large island.
 constexpr int kWarmProximal = 15, kSweptWarmProximal = 10, kProximal = 150, kProximalPatience = 60;
-constexpr int kLargeProximal = 800, kLargeProximalPatience = 400, kKnottedProximal = 500;
+constexpr int kLargeProximal = 800, kLargeProximalPatience = 400;
 constexpr int kFinish = 3, kLateFinish = 6, kLastFinish = 12;
 constexpr int kFinishProximal = 6;  // factorisations of proximal Newton in its place
 constexpr double kFinishWeight = 3e-5;
@@ -151,7 +151,6 @@ class Ladder {
     for (const InteriorPoint::Options& options : kAttempts) {
       const bool near = &options == kAttempts;
       if (near && !has_near_) continue;
-      brief_ = near && knotted_;
       if (interior_point(near ? &w_.near : nullptr, options, kPatience, steps)) return;
       if (acceptable()) return;
       if (out_of_budget()) break;
@@ -159,7 +158,7 @@ class Ladder {
         const double weight = std::clamp(kWeightShare * w_.interior_point.relative(), kWeight, kHighWeight);
         if (proximal_newton(w_.interior_point.impulse(), proximal_budget(), weight)) return;
       }
-      if (large() && !brief_ && repair()) return;
+      if (large() && repair()) return;
       if (newton(w_.interior_point.impulse(), kLastFinish)) return;
     }
     if (!guess && may_repair_ && proximal_ && max_factorizations_ >= kBudget && !out_of_budget() &&
@@ -230,7 +229,7 @@ class Ladder {
   bool many() const { return problem_.sets.num_sets() > kPatch; }
   bool large() const { return may_repair_ && problem_.sets.num_sets() > kLarge; }
   bool in_patches() const { return may_repair_ && problem_.sets.num_sets() >= kPatches; }
-  int proximal_budget() const { return !large() ? kProximal : brief_ ? kKnottedProximal : kLargeProximal; }
+  int proximal_budget() const { return large() ? kLargeProximal : kProximal; }
   int budget_left() const { return max_factorizations_ - factorizations; }
   bool out_of_budget() const { return budget_left() <= 0; }
 
@@ -504,8 +503,8 @@ class Ladder {
     if (observe_) observe_(w_.patches.impulse(), factorizations);
     offer(w_.patches.impulse(), result.relative, SolverType::Pgs);
     has_near_ = true, w_.near = w_.patches.impulse();
-    knotted_ = result.knotted;
-    if (!done() && !knotted_ && !out_of_budget()) proximal_newton(w_.near, kLargeProximal);
+    if (!done() && result.relative <= kFirstProximal && !out_of_budget())
+      proximal_newton(w_.near, kProximal, kWeight, kProximalPatience, &w_.sweeps);
     return true;
   }
 
@@ -623,8 +622,6 @@ class Ladder {
   double tolerance_, aim_, global_reference_, patch_work_ = 0.0;
   double straightest_ = std::numeric_limits<double>::infinity();  // what w_.ray leaves against its own size
   bool has_near_ = false;                                         // whether w_.near is a start of the interior point
-  bool knotted_ = false;  // whether that is where patches have given up for knots
-  bool brief_ = false;    // and the attempt at hand starts there: not for all of the budget
   bool active_newton_ = false, proximal_ = false, tried_proximal_ = false;
   int max_factorizations_;
   bool may_repair_;  // false inside a patch

@@ -70,9 +70,8 @@ bool PatchSweeps::solve(const ScaledProblem& problem, double tolerance, int max_
     for (std::size_t i = 0; i < error_.size(); ++i)
       if (error_[i] > kBar * tolerance * unit) order_.push_back(static_cast<int>(i));
     if (round == 0) first = order_.size();
-    result.knotted = result.factorizations > most_factorizations;
     const bool slow = 2 * order_.size() > first;
-    if (result.knotted || result.spent || result.sweeps > (slow ? 0.5 : 1.0) * kSweepBudget) break;
+    if (result.spent || result.factorizations > most_factorizations || result.sweeps > (slow ? 0.5 : 1.0) * kSweepBudget) break;
     std::sort(order_.begin(), order_.end(),
               [this](int a, int b) { return error_[a] != error_[b] ? error_[a] > error_[b] : a < b; });
     std::fill(done_.begin(), done_.end(), std::uint8_t{0});

@@ -11,7 +11,6 @@ struct PatchResult {
   double relative = 0.0;        ///< certificate of PatchSweeps::impulse()
   double sweeps = 0.0;          ///< visits over sets
   double factorizations = 0.0;  ///< each by its patch's share of the sets
-  bool knotted = false;         ///< given up since these were too many
   bool spent = false;           ///< or since one more would have been more than max_factorizations
 };
 
