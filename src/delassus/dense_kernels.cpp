@@ -279,15 +279,15 @@ int factor_panel_in_registers(int width, int p, int n, double* l, int ldl, int* 
       }
     }
     const __m512i row = _mm512_set1_epi64(k);
-    const V value = _mm512_permutexvar_pd(row, a[k][0]), inverse = _mm512_div_pd(spread(1.0), value);
+    const double value = _mm512_cvtsd_f64(_mm512_permutexvar_pd(row, a[k][0]));
+    const V inverse = spread(1.0 / value);  // all lanes at once would take twice as long, and the next pivot waits
     if constexpr (How == Pivots::Symmetric) {
-      const double pivot = _mm512_cvtsd_f64(value);
-      if (!(pivot > 0.0 && pivot < 1e300)) return 0;
+      if (!(value > 0.0 && value < 1e300)) return 0;
 #pragma GCC unroll 8
       for (int j = k + 1; j < kPanel; ++j)
         a[j][0] = _mm512_mask_permutexvar_pd(a[j][0], mask(1U << k), _mm512_set1_epi64(j), a[k][0]);
     } else {
-      if (_mm512_cvtsd_f64(value) < 0) sign = -sign;
+      if (value < 0) sign = -sign;
     }
     const __mmask8 below = mask(0xffU << (k + 1));
     inverses = _mm512_mask_mov_pd(inverses, mask(1U << k), inverse);
