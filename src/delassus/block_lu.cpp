@@ -490,6 +490,11 @@ void BlockLu::add_diagonal(const Supernode& super, const BlockDiagonal& added) {
     const int size = sizes_[front_blocks_[k]];
     const Eigen::Matrix3d& x = added[static_cast<std::size_t>(front_blocks_[k])];
     double* to = factors_.data() + super.lower + static_cast<Index>(front_rows_[k]) * (n + 1);
+    if (size == 3) {  // by far the most
+      const double* from = x.data();
+      for (int c = 0; c < 3; ++c, to += n, from += 3) to[0] += from[0], to[1] += from[1], to[2] += from[2];
+      continue;
+    }
     for (int c = 0; c < size; ++c, to += n)
       for (int r = 0; r < size; ++r) to[r] += x(r, c);
   }
