@@ -20,6 +20,16 @@ struct SharedWorkspace {
   std::mutex mutex;
 };
 
+constexpr Index kKeptRows = 300;
+
+/// The memory of this thread's solves without a workspace of the caller's: what making it anew, with the analysis of
+/// the pattern, costs most is problems of some tens of rows in a loop. Null where it would keep much.
+Workspace* workspace_of_thread(Index rows) {
+  if (rows > kKeptRows) return nullptr;
+  thread_local Workspace workspace;
+  return &workspace;
+}
+
 /// One row an iteration; the columns are those of HISTORY_TYPE in _solution.py.
 Matrix history(const Solution& solution) {
   Matrix rows(static_cast<Index>(solution.history.size()), 10);
@@ -153,6 +163,8 @@ void bind_solver(nb::module_& m) {
         if (workspace) {
           const std::lock_guard<std::mutex> lock(workspace->mutex);
           solve(problem, settings, workspace->workspace, solution, guess);
+        } else if (Workspace* own = workspace_of_thread(problem.size())) {
+          solve(problem, settings, *own, solution, guess);
         } else {
           solution = solve(problem, settings, guess);
         }

@@ -65,7 +65,8 @@ def solve(
     guess: where to start: an impulse [N s], (n,), or the Solution of a similar problem.
     aim: what "auto" aims at from a guess while that is cheap, in (0, tolerance]; None: 1e-3 tolerance.
     record_history: fill Solution.history.
-    workspace: memory to reuse from solve to solve; one for each thread.
+    workspace: memory to reuse from solve to solve; one for each thread. None: the thread's own for up to 300 rows, else
+        new.
 
     ADMM (Carpentier et al. 2024, Algorithm 1) only:
     penalty_rule: how rho moves: "spectral" (46), "linear" (44), "residual-balancing" or "constant".

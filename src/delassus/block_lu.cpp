@@ -344,16 +344,19 @@ void BlockLu::analyze(const std::vector<int>& block_sizes, const BlockLists& nei
   }
   // Block (a, b), b eliminated first, lies in b's L; block (b, a) in b's U, or in its L when a is a pivot there too.
   const auto eliminated_first = [&](const Pair& pair) { return rank[pair.i] < rank[pair.j] ? pair.i : pair.j; };
-  for (const Pair& pair : pairs_) ++supernodes_[super_of[eliminated_first(pair)]].block_entries;
+  for (const Pair& pair : pairs_) ++supernodes_[super_of[eliminated_first(pair)]].last_entry;
   int num_entries = 0;
-  for (Supernode& super : supernodes_) num_entries += std::exchange(super.block_entries, num_entries);
+  for (Supernode& super : supernodes_) {
+    super.first_entry = num_entries;
+    num_entries += std::exchange(super.last_entry, num_entries);
+  }
   block_entries_.resize(pairs_.size());
   for (const Pair& pair : pairs_) {
     const int b = eliminated_first(pair), a = pair.i + pair.j - b;
     Supernode& super = supernodes_[super_of[b]];
     const bool swapped = a != pair.i;
-    block_entries_[super.block_entries++] = {swapped ? pair.upper : pair.lower, swapped ? pair.lower : pair.upper,
-                                             position_in(super, a), position_in(super, b)};
+    block_entries_[super.last_entry++] = {swapped ? pair.upper : pair.lower, swapped ? pair.lower : pair.upper,
+                                          position_in(super, a), position_in(super, b)};
   }
 
   sizes_.clear();
@@ -419,13 +422,10 @@ void BlockLu::set_sizes(const std::vector<int>& block_sizes) {
   permutation_.resize(static_cast<std::size_t>(row));
   rows_.resize(static_cast<std::size_t>(num_rows));
   relative_.resize(rows_.size());
-  entries_.resize(2 * pairs_.size());
-  Entry* entry = entries_.data();
   Index num_factors = 0;
-  int e = 0;
   for (Supernode& super : supernodes_) {
     const int p = super.pivots, n = p + super.updates;
-    const int *blocks = front_blocks_.data() + super.blocks, *first_rows = front_rows_.data() + super.blocks;
+    const int* blocks = front_blocks_.data() + super.blocks;
     const int* up = super.parent < 0 ? nullptr : front_rows_.data() + supernodes_[super.parent].blocks;
     Index u = super.rows;
     for (int k = super.pivot_blocks; k < super.pivot_blocks + super.update_blocks; ++k)
@@ -436,20 +436,6 @@ void BlockLu::set_sizes(const std::vector<int>& block_sizes) {
     super.lower = num_factors;
     super.upper = super.lower + static_cast<Index>(n) * p;
     num_factors = super.upper + static_cast<Index>(p) * super.updates;
-    super.entries_begin = entry - entries_.data();
-    for (; e < super.block_entries; ++e) {
-      const BlockEntry& from = block_entries_[e];
-      const int na = sizes_[blocks[from.a]], nb = sizes_[blocks[from.b]];
-      if (na == 0 || nb == 0) continue;
-      const Index a = first_rows[from.a], b = first_rows[from.b];
-      *entry++ = {from.ab, super.lower + b * n + a, na, nb, n, true};
-      if (from.a == from.b) continue;
-      if (from.a < super.pivot_blocks)
-        *entry++ = {from.ba, super.lower + a * n + b, nb, na, n, false};
-      else
-        *entry++ = {from.ba, super.upper + (a - p) * p + b, nb, na, p, false};
-    }
-    super.entries_end = entry - entries_.data();
   }
 }
 
@@ -494,14 +480,8 @@ void BlockLu::extend_add_symmetric(const Supernode& super, double*& top) {
   }
 }
 
-void BlockLu::assemble(const Supernode& super, const double* values, double* fronts) const {
-  const std::size_t count = static_cast<std::size_t>(super.pivots + 2 * super.updates) * super.pivots;  // U follows L
-  std::memset(fronts + super.lower, 0, count * sizeof(double));
-  for (Index e = super.entries_begin; e < super.entries_end; ++e) copy_in(values, entries_[e], fronts);
-}
-
 void BlockLu::assemble(const double* values, double* fronts) const {
-  for (const Supernode& super : supernodes_) assemble(super, values, fronts);
+  for (const Supernode& super : supernodes_) write_front(super, false, fronts, copy_from(values));
 }
 
 void BlockLu::add_diagonal(const Supernode& super, const BlockDiagonal& added) {
@@ -510,41 +490,19 @@ void BlockLu::add_diagonal(const Supernode& super, const BlockDiagonal& added) {
     const int size = sizes_[front_blocks_[k]];
     const Eigen::Matrix3d& x = added[static_cast<std::size_t>(front_blocks_[k])];
     double* to = factors_.data() + super.lower + static_cast<Index>(front_rows_[k]) * (n + 1);
+    if (size == 3) {  // by far the most
+      const double* from = x.data();
+      for (int c = 0; c < 3; ++c, to += n, from += 3) to[0] += from[0], to[1] += from[1], to[2] += from[2];
+      continue;
+    }
     for (int c = 0; c < size; ++c, to += n)
       for (int r = 0; r < size; ++r) to[r] += x(r, c);
   }
 }
 
-template <typename Assemble>
-bool BlockLu::factor_fronts(bool on_diagonal, Assemble&& assemble) {
-  make_room();
-  const DenseKernels& kernels = dense_kernels();
-  sign_ = 1;
-  symmetric_ = false;
-  double* top = stack_.data();
-  for (const Supernode& super : supernodes_) {
-    const int p = super.pivots, u = super.updates;
-    double* l = factors_.data() + super.lower;
-    double* up = factors_.data() + super.upper;
-    double* schur = schur_.data();
-    if (u > 0) std::memset(schur, 0, static_cast<std::size_t>(u) * u * sizeof(double));
-    assemble(super);
-    extend_add(super, top);
-    const int sign = p == 0 ? 1 : kernels.factor_front(p, u, l, up, schur, pivots_.data() + super.first, on_diagonal);
-    if (sign == 0) {
-      sign_ = 0;
-      return false;
-    }
-    sign_ *= sign;
-    if (u > 0) std::memcpy(top, schur, static_cast<std::size_t>(u) * u * sizeof(double));
-    top += static_cast<Index>(u) * u;
-  }
-  return true;
-}
+bool BlockLu::factor() { return factor(copy_from(values_.data())); }
 
-bool BlockLu::factor() {
-  return factor_fronts(false, [&](const Supernode& super) { assemble(super, values_.data(), factors_.data()); });
-}
+bool BlockLu::factor_symmetric() { return factor_symmetric(copy_from(values_.data())); }
 
 bool BlockLu::factor(const double* fronts, const BlockDiagonal& added, bool on_diagonal) {
   return factor_fronts(on_diagonal, [&](const Supernode& super) {
@@ -552,31 +510,6 @@ bool BlockLu::factor(const double* fronts, const BlockDiagonal& added, bool on_d
     std::memcpy(factors_.data() + super.lower, fronts + super.lower, count * sizeof(double));
     add_diagonal(super, added);
   });
-}
-
-bool BlockLu::factor_symmetric() {
-  make_room();
-  const DenseKernels& kernels = dense_kernels();
-  sign_ = 1;
-  symmetric_ = true;
-  double* top = stack_.data();
-  for (const Supernode& super : supernodes_) {
-    const int p = super.pivots, u = super.updates;
-    double* l = factors_.data() + super.lower;
-    double* schur = schur_.data();
-    std::memset(l, 0, static_cast<std::size_t>(p + u) * p * sizeof(double));
-    if (u > 0) std::memset(schur, 0, static_cast<std::size_t>(u) * u * sizeof(double));
-    for (Index e = super.entries_begin; e < super.entries_end; ++e)
-      if (entries_[e].lower) copy_in(values_.data(), entries_[e], factors_.data());
-    extend_add_symmetric(super, top);
-    if (p > 0 && kernels.factor_symmetric_front(p, u, l, factors_.data() + super.upper, schur) == 0) {
-      sign_ = 0;
-      return false;
-    }
-    if (u > 0) std::memcpy(top, schur, static_cast<std::size_t>(u) * u * sizeof(double));
-    top += static_cast<Index>(u) * u;
-  }
-  return true;
 }
 
 void BlockLu::solve(VectorRef rhs) const {

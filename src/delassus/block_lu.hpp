@@ -1,7 +1,9 @@
 #pragma once
 
+#include <cstring>
 #include <vector>
 
+#include "dense_kernels.hpp"
 #include "signorini/delassus/scaled_delassus.hpp"
 
 namespace signorini {
@@ -49,6 +51,12 @@ class BlockLu {
 
   /// Factors the matrix in values().
   bool factor();
+  /// Factors the matrix that write(i, j, from, to, stride) makes: block (i, j), which would start at `from` in
+  /// values(), goes to `to`, where zeros are, the columns `stride` apart.
+  template <typename Write>
+  bool factor(const Write& write) {
+    return factor_fronts(false, [&](const Supernode& super) { write_front(super, false, factors_.data(), write); });
+  }
   /// Puts values laid out like values() where factor(fronts, added) takes them from: num_factor_entries() of them.
   void assemble(const double* values, double* fronts) const;
   /// Factors what is assembled, with added[i] added to block (i, i). on_diagonal: as the kernels have it.
@@ -56,6 +64,8 @@ class BlockLu {
   /// Factors a symmetric positive definite matrix, without pivoting; false when it is not that. Of blocks (i, j) and
   /// (j, i) the one below the diagonal in the order of elimination is read, so both have to be there.
   bool factor_symmetric();
+  template <typename Write>
+  bool factor_symmetric(const Write& write);
   int determinant_sign() const { return sign_; }
   /// With the last factorisation, in place. Rows that a block does not have are left alone.
   void solve(VectorRef rhs) const;
@@ -67,38 +77,33 @@ class BlockLu {
     int children = 0, num_children = 0;  // where its children start in children_
     int blocks = 0;                      // where its blocks start in front_blocks_: pivots, then updates
     int pivot_blocks = 0, update_blocks = 0;
-    int block_entries = 0;  // where its entries end in block_entries_
+    int first_entry = 0, last_entry = 0;  // from where to before where its entries are in block_entries_
     // by set_sizes():
     int pivots = 0, updates = 0;  // p, u in rows
     int first = 0;                // first pivot, in elimination order
     Index lower = 0, upper = 0;   // where L (n x p) and U (p x u) start in factors_
     Index rows = 0;               // where the u update rows (elimination order) start in rows_, and in relative_
-    Index entries_begin = 0, entries_end = 0;
   };
   /// A pair of blocks in a front: (a, b) goes to its positions in the front's blocks, b being a pivot.
   struct BlockEntry {
     Index ab, ba;  // in values_
     int a, b;      // positions
   };
-  /// Copies one block of values_ into a front.
-  struct Entry {
-    Index value;
-    Index target;  // in factors_
-    int rows, columns, stride;
-    bool lower;  // needed by factor_symmetric()
-  };
-
-  static void copy_in(const double* values, const Entry& entry, double* fronts) {
-    const double* from = values + entry.value;
-    double* to = fronts + entry.target;
-    if (entry.rows == 3 && entry.columns == 3) {  // by far the most
-      for (int c = 0; c < 3; ++c, to += entry.stride, from += 3) to[0] = from[0], to[1] = from[1], to[2] = from[2];
-      return;
-    }
-    for (int c = 0; c < entry.columns; ++c)
-      for (int r = 0; r < entry.rows; ++r) to[static_cast<Index>(c) * entry.stride + r] = *from++;
+  /// write() of factor() that copies from values.
+  auto copy_from(const double* values) const {
+    return [this, values](int i, int j, Index start, double* to, int stride) {
+      const double* from = values + start;
+      const int rows = sizes_[i], columns = sizes_[j];
+      if (rows == 3 && columns == 3) {  // by far the most
+        for (int c = 0; c < 3; ++c, to += stride, from += 3) to[0] = from[0], to[1] = from[1], to[2] = from[2];
+        return;
+      }
+      for (int c = 0; c < columns; ++c)
+        for (int r = 0; r < rows; ++r) to[static_cast<Index>(c) * stride + r] = *from++;
+    };
   }
-  void assemble(const Supernode& super, const double* values, double* fronts) const;
+  template <typename Write>
+  void write_front(const Supernode& super, bool symmetric, double* fronts, const Write& write) const;
   void add_diagonal(const Supernode& super, const BlockDiagonal& added);
   template <typename Assemble>
   bool factor_fronts(bool on_diagonal, Assemble&& assemble);
@@ -127,11 +132,81 @@ class BlockLu {
   std::vector<int> front_rows_;   // first row in its front of each entry of front_blocks_
   std::vector<int> row_of_;       // first row of each block, in elimination order
   std::vector<int> permutation_;  // row in the caller's vectors of each row in elimination order
-  std::vector<Entry> entries_;
   std::vector<int> rows_, relative_, pivots_;
   std::vector<double> factors_;
   std::vector<double> stack_, schur_;
   mutable std::vector<double> x_, update_;
 };
+
+template <typename Write>
+void BlockLu::write_front(const Supernode& super, bool symmetric, double* fronts, const Write& write) const {
+  const int p = super.pivots, u = super.updates, n = p + u;
+  double *l = fronts + super.lower, *up = fronts + super.upper;  // U follows L
+  std::memset(l, 0, static_cast<std::size_t>(n + (symmetric ? 0 : u)) * p * sizeof(double));
+  const int *blocks = front_blocks_.data() + super.blocks, *rows = front_rows_.data() + super.blocks;
+  for (int e = super.first_entry; e < super.last_entry; ++e) {
+    const BlockEntry& entry = block_entries_[e];
+    const int i = blocks[entry.a], j = blocks[entry.b];
+    if (sizes_[i] == 0 || sizes_[j] == 0) continue;
+    const Index a = rows[entry.a], b = rows[entry.b];
+    write(i, j, entry.ab, l + b * n + a, n);
+    if (i == j || symmetric) continue;
+    if (entry.a < super.pivot_blocks)
+      write(j, i, entry.ba, l + a * n + b, n);
+    else
+      write(j, i, entry.ba, up + (a - p) * p + b, p);
+  }
+}
+
+template <typename Assemble>
+bool BlockLu::factor_fronts(bool on_diagonal, Assemble&& assemble) {
+  make_room();
+  const DenseKernels& kernels = dense_kernels();
+  sign_ = 1;
+  symmetric_ = false;
+  double* top = stack_.data();
+  for (const Supernode& super : supernodes_) {
+    const int p = super.pivots, u = super.updates;
+    double* l = factors_.data() + super.lower;
+    double* up = factors_.data() + super.upper;
+    double* schur = schur_.data();
+    if (u > 0) std::memset(schur, 0, static_cast<std::size_t>(u) * u * sizeof(double));
+    assemble(super);
+    extend_add(super, top);
+    const int sign = p == 0 ? 1 : kernels.factor_front(p, u, l, up, schur, pivots_.data() + super.first, on_diagonal);
+    if (sign == 0) {
+      sign_ = 0;
+      return false;
+    }
+    sign_ *= sign;
+    if (u > 0) std::memcpy(top, schur, static_cast<std::size_t>(u) * u * sizeof(double));
+    top += static_cast<Index>(u) * u;
+  }
+  return true;
+}
+
+template <typename Write>
+bool BlockLu::factor_symmetric(const Write& write) {
+  make_room();
+  const DenseKernels& kernels = dense_kernels();
+  sign_ = 1;
+  symmetric_ = true;
+  double* top = stack_.data();
+  for (const Supernode& super : supernodes_) {
+    const int p = super.pivots, u = super.updates;
+    double* l = factors_.data() + super.lower;
+    double* schur = schur_.data();
+    if (u > 0) std::memset(schur, 0, static_cast<std::size_t>(u) * u * sizeof(double));
+    write_front(super, true, factors_.data(), write);
+    extend_add_symmetric(super, top);
+    if (p > 0 && kernels.factor_symmetric_front(p, u, l, factors_.data() + super.upper, schur) == 0) {
+      sign_ = 0;
+      return false;
+    }
+    if (u > 0) std::memcpy(top, schur, static_cast<std::size_t>(u) * u * sizeof(double));
+    top += static_cast<Index>(u) * u;
+  }
+  return true;
+}
 
 }  // namespace signorini

@@ -279,15 +279,15 @@ int factor_panel_in_registers(int width, int p, int n, double* l, int ldl, int* 
       }
     }
     const __m512i row = _mm512_set1_epi64(k);
-    const V value = _mm512_permutexvar_pd(row, a[k][0]), inverse = _mm512_div_pd(spread(1.0), value);
+    const double value = _mm512_cvtsd_f64(_mm512_permutexvar_pd(row, a[k][0]));
+    const V inverse = spread(1.0 / value);  // all lanes at once would take twice as long, and the next pivot waits
     if constexpr (How == Pivots::Symmetric) {
-      const double pivot = _mm512_cvtsd_f64(value);
-      if (!(pivot > 0.0 && pivot < 1e300)) return 0;
+      if (!(value > 0.0 && value < 1e300)) return 0;
 #pragma GCC unroll 8
       for (int j = k + 1; j < kPanel; ++j)
         a[j][0] = _mm512_mask_permutexvar_pd(a[j][0], mask(1U << k), _mm512_set1_epi64(j), a[k][0]);
     } else {
-      if (_mm512_cvtsd_f64(value) < 0) sign = -sign;
+      if (value < 0) sign = -sign;
     }
     const __mmask8 below = mask(0xffU << (k + 1));
     inverses = _mm512_mask_mov_pd(inverses, mask(1U << k), inverse);
@@ -696,15 +696,16 @@ void multiply_blocks(int n, const int* first, const DenseKernels::BlockAt* block
                      double* y) {
   for (int j = 0; j < n; ++j, y += 3) {
 #if defined(__AVX2__) || defined(__AVX512F__)
-    const __m256i three = _mm256_set_epi64x(0, -1, -1, -1);
+    // Each load takes a neighbour of the column along, in a lane that is not stored: masks would cost as much again.
     __m256d s0 = _mm256_setzero_pd(), s1 = s0, s2 = s0;
     for (int k = first[j]; k < first[j + 1]; ++k) {
       const double *b = a + blocks[k].start, *v = x + blocks[k].offset;
-      s0 = _mm256_fmadd_pd(_mm256_maskload_pd(b, three), _mm256_broadcast_sd(v), s0);
-      s1 = _mm256_fmadd_pd(_mm256_maskload_pd(b + 3, three), _mm256_broadcast_sd(v + 1), s1);
-      s2 = _mm256_fmadd_pd(_mm256_maskload_pd(b + 6, three), _mm256_broadcast_sd(v + 2), s2);
+      s0 = _mm256_fmadd_pd(_mm256_loadu_pd(b), _mm256_broadcast_sd(v), s0);
+      s1 = _mm256_fmadd_pd(_mm256_loadu_pd(b + 3), _mm256_broadcast_sd(v + 1), s1);
+      s2 = _mm256_fmadd_pd(_mm256_loadu_pd(b + 5), _mm256_broadcast_sd(v + 2), s2);
     }
-    _mm256_maskstore_pd(y, three, _mm256_add_pd(_mm256_add_pd(s0, s1), s2));
+    s2 = _mm256_permute4x64_pd(s2, 0x39);
+    _mm256_maskstore_pd(y, _mm256_set_epi64x(0, -1, -1, -1), _mm256_add_pd(_mm256_add_pd(s0, s1), s2));
 #else
     double s0 = 0.0, s1 = 0.0, s2 = 0.0;
     for (int k = first[j]; k < first[j + 1]; ++k) {
@@ -728,8 +729,9 @@ int factor_front(int p, int u, double* l, double* up, double* s, int* pivots, [[
     const int panel_sign = factor_panel(k1 - k0, p - k0, n - k0, l + k0 * n + k0, n, pivots + k0, on_diagonal);
     if (panel_sign == 0) return 0;
     sign *= panel_sign;
-    for (int k = k0; k < k1; ++k) pivots[k] += k0;
-    for (int k = k0; k < k1; ++k) {
+    bool swapped = false;
+    for (int k = k0; k < k1; ++k) pivots[k] += k0, swapped |= pivots[k] != k;
+    for (int k = k0; swapped && k < k1; ++k) {
       swap_rows(k0, l, n, k, pivots[k]);
       swap_rows(p - k1, l + k1 * n, n, k, pivots[k]);
       swap_rows(u, up, p, k, pivots[k]);

@@ -460,6 +460,44 @@ void ExplicitSystem::solve(VectorRef rhs) const {
 // The reduced matrix E^T A F + delta I + weights (T35). Across a slip in direction u, E and F keep v = (-u1, u0); of
 // the normal, E keeps the row, F the column plus friction times the column along u.
 
+namespace {
+
+/// to (ri x rj) = E_i^T a F_j, for the block a, ni x nj, of two sets that keep ri and rj rows; the columns of
+/// `to` are `stride` apart.
+inline void reduce_block(const ReducedSet& left, const ReducedSet& right, int rj, const double* a, int ni, double* to,
+                         int stride) {
+  using Kind = ReducedSet::Kind;
+  double across[3], normal[3];
+  const double* columns[3] = {a, a + ni, a + 2 * ni};
+  if (right.kind == Kind::Slip) {
+    for (int r = 0; r < ni; ++r) {
+      across[r] = right.u0 * a[ni + r] - right.u1 * a[r];
+      normal[r] = right.friction * (right.u0 * a[r] + right.u1 * a[ni + r]) + a[2 * ni + r];
+    }
+    columns[0] = across, columns[1] = normal;
+  } else if (right.kind == Kind::Normal) {
+    columns[0] = a + 2 * ni;
+  }
+  for (int c = 0; c < rj; ++c, to += stride) {
+    const double* from = columns[c];
+    switch (left.kind) {
+      case Kind::Stick:
+        to[0] = from[0], to[1] = from[1], to[2] = from[2];
+        break;
+      case Kind::Slip:
+        to[0] = left.u0 * from[1] - left.u1 * from[0], to[1] = from[2];
+        break;
+      case Kind::Normal:
+        to[0] = from[2];
+        break;
+      default:
+        to[0] = from[0];
+    }
+  }
+}
+
+}  // namespace
+
 bool ExplicitSystem::factor_reduced(const std::vector<ReducedSet>& sets, double delta) {
   using Kind = ReducedSet::Kind;
   active_.clear();
@@ -488,8 +526,16 @@ bool ExplicitSystem::factor_reduced(const std::vector<ReducedSet>& sets, double 
     if (symmetric) reduce_dense(delta);
     return factor_dense();
   }
-  reduce_blocks(sets, delta);
-  return (symmetric && analysis_->lu.factor_symmetric()) || analysis_->lu.factor();
+  BlockLu& lu = analysis_->lu;
+  lu.set_sizes(reduced_sizes_);
+  const auto write = [&](int i, int j, Index from, double* to, int n) {
+    const ReducedSet& left = sets[i];
+    reduce_block(left, sets[j], reduced_sizes_[j], a_.data() + from, sizes_[i], to, n);
+    if (i != j) return;
+    for (int r = 0; r < reduced_sizes_[i]; ++r) to[r * (n + 1)] += delta;
+    if (left.kind == Kind::Slip) to[0] += left.weight;
+  };
+  return (symmetric && lu.factor_symmetric(write)) || lu.factor(write);
 }
 
 void ExplicitSystem::solve_reduced(VectorRef rhs) const {
@@ -556,62 +602,6 @@ void ExplicitSystem::reduce_dense(double delta) {
     }
   }
   for (int r = 0; r < m; ++r) k_[static_cast<std::size_t>(r) * m + r] += delta;
-}
-
-namespace {
-
-/// to (ri x rj) = E_i^T a F_j, for the block a, ni x nj, of two sets that keep ri and rj rows.
-inline void reduce_block(const ReducedSet& left, const ReducedSet& right, int ri, int rj, const double* a, int ni,
-                         double* to) {
-  using Kind = ReducedSet::Kind;
-  double across[3], normal[3];
-  const double* columns[3] = {a, a + ni, a + 2 * ni};
-  if (right.kind == Kind::Slip) {
-    for (int r = 0; r < ni; ++r) {
-      across[r] = right.u0 * a[ni + r] - right.u1 * a[r];
-      normal[r] = right.friction * (right.u0 * a[r] + right.u1 * a[ni + r]) + a[2 * ni + r];
-    }
-    columns[0] = across, columns[1] = normal;
-  } else if (right.kind == Kind::Normal) {
-    columns[0] = a + 2 * ni;
-  }
-  for (int c = 0; c < rj; ++c, to += ri) {
-    const double* from = columns[c];
-    switch (left.kind) {
-      case Kind::Stick:
-        to[0] = from[0], to[1] = from[1], to[2] = from[2];
-        break;
-      case Kind::Slip:
-        to[0] = left.u0 * from[1] - left.u1 * from[0], to[1] = from[2];
-        break;
-      case Kind::Normal:
-        to[0] = from[2];
-        break;
-      default:
-        to[0] = from[0];
-    }
-  }
-}
-
-}  // namespace
-
-void ExplicitSystem::reduce_blocks(const std::vector<ReducedSet>& sets, double delta) {
-  BlockLu& lu = analysis_->lu;
-  lu.set_sizes(reduced_sizes_);
-  double* k = lu.values().data();
-  for (const BlockLu::Pair& pair : lu.pairs()) {
-    const int ri = reduced_sizes_[pair.i], rj = reduced_sizes_[pair.j];
-    if (ri == 0 || rj == 0) continue;
-    const ReducedSet &si = sets[pair.i], &sj = sets[pair.j];
-    double* to = k + pair.lower;
-    reduce_block(si, sj, ri, rj, a_.data() + pair.lower, sizes_[pair.i], to);
-    if (pair.i == pair.j) {
-      for (int r = 0; r < ri; ++r) to[r * ri + r] += delta;
-      if (si.kind == ReducedSet::Kind::Slip) to[0] += si.weight;
-    } else {
-      reduce_block(sj, si, rj, ri, a_.data() + pair.upper, sizes_[pair.j], k + pair.upper);
-    }
-  }
 }
 
 double asymmetry_of(const SparseMatrix& matrix) {

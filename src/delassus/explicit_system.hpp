@@ -77,7 +77,6 @@ class ExplicitSystem final : public ScaledDelassus {
   void find_analysis();
   bool factor_dense();
   void reduce_dense(double delta);
-  void reduce_blocks(const std::vector<ReducedSet>& sets, double delta);
 
   Index size_ = 0;
   std::vector<int> sizes_, offsets_;

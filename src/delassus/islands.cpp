@@ -33,6 +33,7 @@ IslandForest::IslandForest(int count, std::vector<int>& labels) : labels_(labels
 }
 
 void IslandForest::join(int i, int j) {
+  if (labels_[i] == labels_[j]) return;
   i = root(i), j = root(j);
   if (i == j) return;
   labels_[i > j ? i : j] = i > j ? j : i;

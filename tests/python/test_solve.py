@@ -500,12 +500,31 @@ def test_same_input_same_bits_and_a_workspace_changes_nothing(solver):
     for seed in (0, 1, 0):
         mass, j, g, mu, _ = planted_problem(seed, num_contacts=4 + seed)
         problem = ContactProblem.from_mass(mass, j, g, mu)
-        fresh = signorini.solve(problem, solver)
+        fresh = signorini.solve(problem, solver, workspace=signorini.Workspace())
         again = signorini.solve(problem, solver)
         reused = signorini.solve(problem, solver, workspace=workspace)
         np.testing.assert_array_equal(again.impulse, fresh.impulse)
         np.testing.assert_array_equal(reused.impulse, fresh.impulse)
         assert fresh.iterations == again.iterations == reused.iterations
+
+
+def test_problems_of_one_size_and_several_patterns_in_turn_keep_their_bits():
+    rng = np.random.default_rng(0)
+    problems = []
+    chain, shuffled = [(0, 1), (1, 2), (2, 3), (3, 4)], [(0, 1), (2, 3), (1, 2), (3, 4)]
+    for ends in (chain, shuffled, chain):
+        j = np.zeros((12 * len(ends), 12 * 5))  # four contacts between each two of five bodies
+        for k, (a, b) in enumerate(ends):
+            rows = slice(12 * k, 12 * k + 12)
+            j[rows, 12 * a : 12 * a + 12] = -np.eye(12) + 0.2 * rng.normal(size=(12, 12))
+            j[rows, 12 * b : 12 * b + 12] = np.eye(12)
+        problems.append(ContactProblem(sp.csc_array(j @ j.T), rng.normal(size=len(j)), 0.5))
+    expected = [signorini.solve(each, workspace=signorini.Workspace()).impulse for each in problems]
+    for k in (0, 1, 2, 1, 0):
+        np.testing.assert_array_equal(signorini.solve(problems[k]).impulse, expected[k])
+    for each, impulse in zip(problems, expected, strict=True):
+        given = each.delassus.toarray(), each.free_velocity, each.friction, impulse
+        assert relative_residual(*given) < 1e-6
 
 
 def test_gil_is_released():
