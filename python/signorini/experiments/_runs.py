@@ -31,10 +31,11 @@ class Runner:
 
 
 def ours(name: str, solver: str = "auto", tolerance: float = 1e-6, **settings: Any) -> Runner:
-    """signorini.solve with these settings."""
+    """signorini.solve with these settings, cold: each run makes its memory and its analysis of the pattern anew."""
 
     def run(problem: signorini.ContactProblem) -> signorini.Solution:
-        return signorini.solve(problem, solver, tolerance=tolerance, **settings)  # type: ignore[arg-type]
+        workspace = signorini.Workspace()
+        return signorini.solve(problem, solver, tolerance=tolerance, workspace=workspace, **settings)  # type: ignore[arg-type]
 
     return Runner(name, run)
 
