@@ -153,7 +153,11 @@ struct Detector::Impl {
   std::vector<Bounds> swept;    // bounds over the whole step
   std::vector<Hit> hits;
   std::vector<double> first_hit;  // by frame
-  std::vector<double> shares;     // likewise; see Detector::shares()
+  // From one add_meetings() to the next of a step: what neither moves otherwise nor has got points meets the same.
+  std::vector<FrameMotion> told;      // the last motions; empty: all are new
+  std::vector<std::uint8_t> changed;  // by frame
+  double told_touching = 0.0;
+  std::vector<double> shares;  // likewise; see Detector::shares()
 
   NarrowPhase narrow_phase;
 
@@ -249,11 +253,12 @@ struct Detector::Impl {
       if (are_near(pair.first, pair.second)) near.push_back(pair);
   }
 
-  /// The fast pairs that may come near during the step, and those that are near now.
+  /// The fast pairs that may come near during the step, and those that are near now; of those that have changed.
   void find_pairs_of_fast_step(bool with_near) {
     near.clear();
     const auto look = [this, with_near](const std::pair<int, int>& pair) {
       const auto& [a, b] = pair;
+      if (!told.empty() && !has_changed(a) && !has_changed(b)) return;
       if ((is_fast(a, b) && may_meet(a, b)) || (with_near && are_near(a, b))) near.push_back(pair);
     };
     if (!use_tree) {
@@ -262,6 +267,11 @@ struct Detector::Impl {
     }
     if (!within_old_bounds(swept)) list_candidates(swept);
     for (const auto& pair : candidates) look(pair);
+  }
+
+  bool has_changed(int geometry) const {
+    const auto frame = static_cast<std::size_t>(geometries[geometry].frame);
+    return frame < changed.size() && changed[frame];
   }
 
   bool is_fast(int a, int b) const { return travel[a] + travel[b] > settings.sweep_from; }
@@ -283,11 +293,21 @@ struct Detector::Impl {
   /// How far geometries go, and their bounds on the way; false if no pair can be fast. After place().
   bool set_motions(const std::vector<FrameMotion>& its_motions, double its_duration) {
     motions = &its_motions, duration = its_duration;
-    travel.assign(geometries.size(), 0.0);
-    turning.assign(geometries.size(), 0.0);
-    swept = bounds;
+    if (told.empty()) {
+      travel.assign(geometries.size(), 0.0);
+      turning.assign(geometries.size(), 0.0);
+      swept = bounds;
+    }
     double most = 0.0;
     for (std::size_t k = 0; k < geometries.size(); ++k) {
+      if (!told.empty()) {
+        if (!has_changed(static_cast<int>(k))) {
+          most = std::max(most, travel[k]);
+          continue;
+        }
+        travel[k] = turning[k] = 0.0;
+        swept[k] = bounds[k];
+      }
       if (geometries[k].frame == 0 || std::isnan(bounds[k].radius)) continue;
       const FrameMotion& its = motion(static_cast<int>(k));
       const double angular = its.angular.norm();
@@ -304,6 +324,7 @@ struct Detector::Impl {
     }
     if (2.0 * most > settings.sweep_from) return true;
     travel.clear();
+    told.clear();
     return false;
   }
 
@@ -337,7 +358,7 @@ struct Detector::Impl {
   void detect(const std::vector<Placement>& frames, const std::vector<FrameMotion>* its_motions = nullptr,
               double its_duration = 0.0) {
     std::swap(points, old_points), std::swap(locals, old_locals), std::swap(pairs, old_pairs);
-    points.clear(), locals.clear(), pairs.clear(), travel.clear(), shares.clear();
+    points.clear(), locals.clear(), pairs.clear(), travel.clear(), shares.clear(), told.clear(), hits.clear();
     place(frames);
     if (its_motions && set_motions(*its_motions, its_duration))
       find_pairs_of_fast_step(true);
@@ -390,7 +411,9 @@ struct Detector::Impl {
   /// Where that is of no use: holds the frames back. add: false: in any case.
   bool add_first_meetings(bool all, double touching, bool again, bool add = true) {
     shares.clear();
-    hits.clear();
+    const auto is_old = [this](const Hit& hit) { return has_changed(hit.a) || has_changed(hit.b); };
+    hits.erase(std::remove_if(hits.begin(), hits.end(), is_old), hits.end());
+    const std::size_t kept = hits.size();
     for (const auto& [a, b] : near) {
       if (!must_sweep(a, b)) continue;
       const int known = find_points(a, b).first;
@@ -400,6 +423,10 @@ struct Detector::Impl {
                        hit.sinks, hit.meeting))
         hits.push_back(hit);
     }
+    if (kept > 0 && kept < hits.size())
+      std::sort(hits.begin(), hits.end(),
+                [](const Hit& x, const Hit& y) { return std::make_pair(x.a, x.b) < std::make_pair(y.a, y.b); });
+    changed.assign(motions->size(), 0);
     if (hits.empty()) return false;
     first_hit.assign(motions->size(), kInfinity);
     const auto frames_of = [this](const Hit& hit) {
@@ -410,13 +437,15 @@ struct Detector::Impl {
       for (const std::size_t frame : frames_of(hit))
         if (frame > 0) first_hit[frame] = std::min(first_hit[frame], hit.meeting.time);
     bool any = false;
-    for (Hit& hit : hits) {
+    for (const Hit& found : hits) {
       bool first = true;
-      for (const std::size_t frame : frames_of(hit))
-        first = first && (frame == 0 || hit.meeting.time <= first_hit[frame] + kSameTime * duration);
+      for (const std::size_t frame : frames_of(found))
+        first = first && (frame == 0 || found.meeting.time <= first_hit[frame] + kSameTime * duration);
       if (!first && !all) continue;
+      Hit hit = found;
       if (add && insert(hit, touching)) {
         any = true;
+        for (const std::size_t frame : frames_of(hit)) changed[frame] = frame > 0;
         continue;
       }
       // What is convex and touches already is held only before it sinks in deep, so that it gets on in every step: its
@@ -519,8 +548,14 @@ struct Detector::Impl {
   bool add_meetings(const std::vector<FrameMotion>& its_motions, double its_duration, bool all, double touching,
                     bool add = true) {
     shares.clear();
+    if (told.size() != its_motions.size() || touching != told_touching || its_duration != duration) told.clear();
+    if (told.empty()) hits.clear();
+    changed.resize(its_motions.size(), std::uint8_t{0});
+    for (std::size_t f = 0; f < told.size(); ++f)
+      changed[f] |= std::memcmp(&told[f], &its_motions[f], sizeof(FrameMotion)) != 0;
     if (!set_motions(its_motions, its_duration)) return false;
     find_pairs_of_fast_step(false);
+    told = its_motions, told_touching = touching;
     return add_first_meetings(all, touching, true, add);
   }
 

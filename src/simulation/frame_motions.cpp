@@ -115,7 +115,8 @@ void FrameMotions::keep(const ConstVectorRef& v) {
     slow_.resize(0);
 }
 
-bool FrameMotions::find(const Dynamics& dynamics, const ConstVectorRef& v) {
+bool FrameMotions::find(const Dynamics& dynamics, const ConstVectorRef& v, bool again) {
+  if (!again) list_v_.resize(0);
   if (slow_.size() == v.size() && std::equal(v.data(), v.data() + v.size(), slow_.data())) return false;
   slow_now_ = !may_be_fast(v);
   if (slow_now_) return false;
@@ -126,9 +127,13 @@ bool FrameMotions::find(const Dynamics& dynamics, const ConstVectorRef& v) {
   for (std::size_t f = 1; f < list_.size(); ++f) {
     const Placement& place = dynamics.frames()[f];
     FrameMotion& motion = list_[f];
+    const int free = dynamics.free_body(static_cast<int>(f));
+    if (free >= 0 && list_v_.size() > 0) {
+      const Index at = w.free_bodies[static_cast<std::size_t>(free)].v;
+      if (std::equal(v.data() + at, v.data() + at + 6, list_v_.data() + at)) continue;
+    }
     motion.centre = place.translation;  // a link turns about its joint,
     motion.angular = motion.start = twists_[f].angular;
-    const int free = dynamics.free_body(static_cast<int>(f));
     if (free >= 0) {  // a free body about its centre of mass
       const FreeBody& body = w.free_bodies[static_cast<std::size_t>(free)];
       motion.centre = place * body.center;
@@ -136,6 +141,7 @@ bool FrameMotions::find(const Dynamics& dynamics, const ConstVectorRef& v) {
     }
     motion.velocity = twists_[f].at(motion.centre);
   }
+  list_v_ = v;
   return true;
 }
 

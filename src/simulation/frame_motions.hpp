@@ -14,8 +14,8 @@ class FrameMotions {
   /// slow: of two geometries that come nearer by less in a step, none is fast [m].
   FrameMotions(const World& world, double time_step, double slow);
 
-  /// True if some frame may be fast at the velocity v, and then fills list().
-  bool find(const Dynamics& dynamics, const ConstVectorRef& v);
+  /// True if some frame may be fast at the velocity v, and then fills list(). again: nothing but v has changed since.
+  bool find(const Dynamics& dynamics, const ConstVectorRef& v, bool again = false);
   /// That the velocity last asked about has become `v` by a turn of the frames alone: if that was slow, so is this.
   void keep(const ConstVectorRef& v);
   const std::vector<FrameMotion>& list() const { return list_; }
@@ -35,6 +35,7 @@ class FrameMotions {
   Vector slow_;                      // a velocity that is known to be slow, or nothing
   std::vector<Twist> twists_;
   std::vector<FrameMotion> list_;
+  GrowVector list_v_;  // the velocity that list_ is of, or nothing
 };
 
 }  // namespace signorini

@@ -147,7 +147,7 @@ struct Simulator::Impl {
   void guess_from_round();
   std::uint64_t key_of(const Assembler::Set& set) const;
   void make_guess();
-  void solve_contacts();
+  void solve_contacts(bool answers);
   void solve_selected();
   void keep_impulses();
 
@@ -173,7 +173,8 @@ struct Simulator::Impl {
 
   // Impulses of the last step, for the next one to start from: of the contacts in world axes, three a point; of limits
   // and dry friction by velocity; of equalities by row.
-  Vector contact_guess, moment_guess, friction_guess, lower_guess, upper_guess, equality_guess;
+  GrowVector contact_guess, moment_guess;
+  Vector friction_guess, lower_guess, upper_guess, equality_guess;
   std::vector<Assembler::Set> start_sets;  // of warm_start(), for the next step
   Vector start_impulse;
   struct RoundSet {
@@ -342,6 +343,7 @@ void Simulator::Impl::solve_selected() {
   for (const Assembler::Set& set : assembler.sets())
     for (int r = 0; set.offset >= 0 && r < set.rows; ++r) guess.impulse[set.offset + r] = impulse[set.start + r];
   solve(assembler.problem(), settings.solver, workspace, solution, &guess);
+  guess.answers = true;
   report.iterations += solution.iterations;
   report.factorizations += solution.factorizations;
   for (const Assembler::Set& set : assembler.sets()) {
@@ -353,7 +355,9 @@ void Simulator::Impl::solve_selected() {
 }
 
 /// Solves the problem of the sets that act, starting from `impulse`, and again with those that its answer violates.
-void Simulator::Impl::solve_contacts() {
+/// answers: that is of the last round.
+void Simulator::Impl::solve_contacts(bool answers) {
+  guess.answers = answers;
   const Law law = settings.solver.model_law();
   sigma.resize(impulse.size());
   assembler.select(impulse, law);
@@ -387,7 +391,7 @@ void Simulator::Impl::find_contacts() {
 
 /// Adds what the velocity just found would run into; false if there is nothing.
 bool Simulator::Impl::find_meetings(int round) {
-  if (!motions.find(dynamics, assembler.velocity())) return false;
+  if (!motions.find(dynamics, assembler.velocity(), true)) return false;
   if (round <= kMostMeetings) {
     keep_round();
     return detector.add_meetings(motions.list(), settings.time_step, round == kMostMeetings);
@@ -411,7 +415,7 @@ void Simulator::Impl::find_motion() {
     assembler.assemble(dynamics, step_q, step_v, free_v, detector.points());
     make_guess();
     if (round > 0) guess_from_round();
-    solve_contacts();
+    solve_contacts(round > 0);
   } while (find_meetings(++round));
 }
 
@@ -532,8 +536,10 @@ std::string Simulator::save() const {
   out.value(s.settings.time_step);
   out.value(s.time);
   for (const Vector* x : {&s.q, &s.v, &s.control, &s.activation, &s.applied, &s.friction_guess, &s.lower_guess,
-                          &s.upper_guess, &s.equality_guess, &s.contact_guess, &s.moment_guess})
+                          &s.upper_guess, &s.equality_guess})
     out.vector(*x);
+  out.vector(s.contact_guess);
+  out.vector(s.moment_guess);
   out.vector(Eigen::Map<const Vector>(s.wrench.data(), s.wrench.size()));
   out.text(s.detector.save());
   out.value(s.report.steps);

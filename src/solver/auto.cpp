@@ -689,9 +689,9 @@ void solve_islands(const ContactProblem& problem, const Settings& settings, Auto
     const int *members = w.members.data() + w.first[k], count = w.first[k + 1] - w.first[k];
     const double tolerance = kMargin * settings.tolerance;
     if (guess && num_islands > 1) {
-      const double share_weight = aim / Residual::largest_share(aim);
+      const double enough = guess->answers ? tolerance : aim, share_weight = enough / Residual::largest_share(enough);
       if (island_residual(problem, members, count, settings.law, share_weight, solution.impulse, solution.velocity) <=
-          aim)
+          enough)
         continue;
     }
     w.part.assign(members, members + count);

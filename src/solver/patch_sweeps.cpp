@@ -71,7 +71,9 @@ bool PatchSweeps::solve(const ScaledProblem& problem, double tolerance, int max_
       if (error_[i] > kBar * tolerance * unit) order_.push_back(static_cast<int>(i));
     if (round == 0) first = order_.size();
     const bool slow = 2 * order_.size() > first;
-    if (result.spent || result.factorizations > most_factorizations || result.sweeps > (slow ? 0.5 : 1.0) * kSweepBudget) break;
+    if (result.spent || result.factorizations > most_factorizations ||
+        result.sweeps > (slow ? 0.5 : 1.0) * kSweepBudget)
+      break;
     std::sort(order_.begin(), order_.end(),
               [this](int a, int b) { return error_[a] != error_[b] ? error_[a] > error_[b] : a < b; });
     std::fill(done_.begin(), done_.end(), std::uint8_t{0});

@@ -368,3 +368,57 @@ def test_what_a_second_meeting_does_not_touch_is_not_solved_again():
         return simulator.report.factorizations
 
     assert 1 < factorizations(False) <= factorizations(True) <= factorizations(False) + 2
+
+
+def crowd(places, seed=4):
+    """Balls in small groups, some near each other, one of each group fast; in every third group a hinged rod, in every
+    third a ball that an equality holds to another."""
+    builder = WorldBuilder(gravity=(0.0, 0.0, 0.0))
+    velocities = []
+    for place in places:
+        random = np.random.default_rng([seed, place])
+        corner = np.array([3.0 * place, 0.0, 0.0])
+        builder.add_geometry("world", Box((1.0, 1.0, THIN)), position=corner, material=SMOOTH)
+        if place % 3 == 1:
+            builder.add_body(
+                f"rod-{place}",
+                joints=[Joint(f"rod-{place}", "revolute", axis=(0.0, 0.0, 1.0))],
+                position=corner + (0.25, 0.0, 0.02),
+                mass=0.1,
+                center=(0.0, 0.05, 0.0),
+                inertia=1e-4 * np.eye(3),
+            )
+            builder.add_geometry(f"rod-{place}", Box((0.005, 0.1, 0.01)), material=SMOOTH, name=f"rod-{place}")
+        x, centres = 0.0, []
+        for k in range(6):
+            position = corner + (x, 1e-3 * random.normal(), THIN + 0.01 + 1e-5)
+            centres.append(position)
+            add_ball(builder, f"ball-{place}-{k}", position, material=SMOOTH)
+            velocities.append((random.uniform(30.0, 60.0) if k == 0 else 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+            x += 0.02 + random.choice([1e-4, 2e-3, 8e-3])
+        if place % 3 == 2:
+            add_ball(builder, f"tail-{place}", centres[5] + (0.0, 0.2, 0.0), material=SMOOTH)
+            velocities.append(np.zeros(6))
+            builder.add_connect(f"ball-{place}-5", f"tail-{place}", np.zeros(3), (0.0, -0.2, 0.0))
+    simulator = Simulator(builder.build(), tolerance=1e-10)
+    simulator.state.v[-len(velocities) * 6 :] = np.concatenate(velocities)
+    return simulator
+
+
+def velocity(simulator, joint):
+    joint = simulator.world.joint(joint)
+    return simulator.state.v[joint.v_index : joint.v_index + joint.num_v]
+
+
+def test_what_happens_in_one_place_does_not_depend_on_the_others():
+    """Rounds of (S18) solve what they touch alone. Without friction velocities are unique."""
+    places = range(9)
+    together = crowd(places)
+    apart = [crowd([place]) for place in places]
+    for _ in range(6):
+        together.step()
+        assert together.report.status == "solved"
+        for alone in apart:
+            alone.step()
+            for body in alone.world.bodies[1:]:
+                np.testing.assert_allclose(velocity(together, body.name), velocity(alone, body.name), atol=1e-6)

@@ -31,6 +31,17 @@ def test_delassus_is_that_of_mass_and_jacobian(scene):
     assert np.linalg.eigvalsh(problem.mass.toarray())[0] > 0
 
 
+def test_heaps_that_stand_are_solved_without_wandering():
+    """Where branches of the NCP turn in every other step, to hold the De Saxce derivative back stalls at 1e-4."""
+    factorizations = 0
+    for shape in ({}, {"layers": None}, {"contacts_per_sphere": 2.6}):
+        for seed in range(3):
+            solution = signorini.solve(scenes.pile(464, seed, **shape))
+            assert solution.solved
+            factorizations += solution.factorizations
+    assert factorizations < 1000  # 1800 that way
+
+
 def test_same_arguments_same_problem(scene):
     first, second = scene(), scene()
     assert first.name == second.name

@@ -43,6 +43,8 @@ struct Solution {
 struct Guess {
   GrowVector impulse;    ///< n values [N s]
   double penalty = 0.0;  ///< ADMM's rho of the last solve; 0: chosen by the rule
+  /// It has solved a problem that differs in places: auto keeps it on islands where it still does.
+  bool answers = false;
 };
 
 const char* name(Status status);

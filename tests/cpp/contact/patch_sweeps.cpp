@@ -143,12 +143,13 @@ BOOST_AUTO_TEST_CASE(work_is_done_where_the_error_is) {
 }
 
 BOOST_AUTO_TEST_CASE(a_tower_weighs_on_its_floor) {
-  // Contact k of a tower bears all that is above it. Gauss-Seidel alone takes some 1000^2 visits of each to say so.
+  // Contact k of a tower bears all that is above it. Gauss-Seidel alone takes some 1000^2 visits of each to say so. The
+  // least eigenvalue of G is (pi / (2 height))^2: a certificate of 1e-9 leaves an error of 0.4 at most.
   const Index height = 1000;
   for (const Operator type : {Operator::Sparse, Operator::MassSpace}) {
     const ContactProblem problem = towers(1, height, 0.5, type);
     Settings settings;
-    settings.tolerance = 1e-8;
+    settings.tolerance = 1e-9;
     const Solution solution = solve(problem, settings);
     BOOST_TEST_CONTEXT(operator_name(type)) {
       BOOST_TEST((solution.status == Status::Solved));

@@ -41,6 +41,23 @@ BOOST_AUTO_TEST_CASE(a_warm_step_allocates_nothing) {
 #endif
 }
 
+BOOST_AUTO_TEST_CASE(a_warm_step_in_rounds_allocates_nothing) {
+#if SIGNORINI_COUNTS_ALLOCATIONS
+  Simulator simulator(rows_of_boxes());
+  const Vector q = simulator.q(), v = speeds_of_rows();
+  long before = 0;
+  for (int k = 0; k < 12; ++k) {
+    if (k == 8) before = allocations;
+    simulator.q() = q;
+    simulator.v() = v;
+    for (int i = 0; i < 5; ++i) simulator.step();
+  }
+  BOOST_TEST(allocations - before == 0);
+#else
+  BOOST_TEST_MESSAGE("not counted: a sanitizer has malloc");
+#endif
+}
+
 BOOST_AUTO_TEST_CASE(a_warm_inverse_step_allocates_nothing) {
 #if SIGNORINI_COUNTS_ALLOCATIONS
   for (const bool moments : {false, true}) {

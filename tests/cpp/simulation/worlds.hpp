@@ -108,4 +108,27 @@ inline std::shared_ptr<const World> busy_world(const Material& ground = {}) {
   return builder.build();
 }
 
+/// Rows of boxes on the ground, some near each other, the first of each fast: a step takes rounds (S18).
+inline std::shared_ptr<const World> rows_of_boxes(const Material& material = {}) {
+  WorldBuilder builder;
+  add_ground(builder, material);
+  const double gaps[] = {0.02, 1e-4, 8e-3, 2e-3, 9e-3, 1e-4};
+  for (int row = 0; row < 6; ++row) {
+    double x = 0.0;
+    for (int k = 0; k < 6; ++k) {
+      add_box(builder, "box" + std::to_string(row) + std::to_string(k), 1.0 + row + k, {0.05, 0.05, 0.05},
+              {x, 1.0 * row, 0.05 + 1e-5}, material);
+      x += 0.1 + gaps[(row + k) % 6];
+    }
+  }
+  return builder.build();
+}
+
+/// The velocity of that.
+inline Vector speeds_of_rows() {
+  Vector v = Vector::Zero(6 * 36);
+  for (int row = 0; row < 6; ++row) v[36 * row] = 20.0 + 5.0 * row;
+  return v;
+}
+
 }  // namespace signorini::testing
