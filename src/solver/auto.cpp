@@ -69,8 +69,8 @@ constexpr InteriorPoint::Options kAttempts[] = {{30.0, 0.03, 1.0},   {30.0, 0.03
                                                 {1000.0, 0.03, 1.0}, {0.01, 0.03, 1.0}, {10.0, 0.1, 1.0},
                                                 {100.0, 0.03, 0.9}};
 
-/// In large islands, before those: it goes on for long, and comes near where others stop.
-constexpr InteriorPoint::Options kLargeAttempt{30.0, 0.03, 1.0, 1e-3};
+/// In large islands, before those: they go on for long, and come near where others stop.
+constexpr InteriorPoint::Options kLargeAttempts[] = {{30.0, 0.03, 1.0, 1e-3}, {3.0, 0.03, 1.0, 1e-3}};
 constexpr int kLargePatience = 50, kLargeSteps = 200;
 
 /// For each set, the others that it acts on directly.
@@ -142,8 +142,9 @@ class Ladder {
       const bool found = proximal_ ? sweep_and_go_on(*guess) : interior_point(guess, {}, kWarmPatience, kWarmSteps);
       if (found) return;
     }
-    if (proximal_ && large()) {
-      if (interior_point(nullptr, kLargeAttempt, kLargePatience, kLargeSteps)) return;
+    for (const InteriorPoint::Options& options : kLargeAttempts) {
+      if (!proximal_ || !large() || out_of_budget()) break;
+      if (interior_point(nullptr, options, kLargePatience, kLargeSteps)) return;
       if (acceptable()) return;
       if (!out_of_budget() && proximal_newton(w_.best, proximal_budget())) return;
     }

@@ -87,13 +87,14 @@ def test_pile_is_settled():
 
 @pytest.mark.parametrize("layers", [4.0, None])
 def test_the_ground_carries_a_pile(layers):
-    problem = scenes.pile(500, 1, layers=layers, speed=0.0)
+    # With more friction solutions are several: what is wedged between walls and ground may press with any force.
+    problem = scenes.pile(500, 1, layers=layers, speed=0.0, friction=0.2)
     solution = signorini.solve(problem, tolerance=1e-6)
     assert solution.status == "solved"
     ground = problem.free_velocity[2::3] < -0.99 * GRAVITY_STEP  # elsewhere it touches walls and bodies that fall along
     carried = solution.impulse[2::3][ground].sum()
     num_spheres = np.ceil(500 / 2.2)  # of 1 kg
-    # The rest is up to the walls: they hold by friction, or press down on what wedges itself in.
+    # The rest is up to the walls, which hold by friction.
     assert 0.7 < carried / (num_spheres * GRAVITY_STEP) < 1.3
 
 
