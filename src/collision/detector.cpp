@@ -630,7 +630,7 @@ struct Detector::Impl {
     old_point += old_size;
   }
 
-  void forget() { points.clear(), locals.clear(), pairs.clear(); }
+  void forget() { points.clear(), locals.clear(), pairs.clear(), told.clear(); }
 };
 
 Detector::Detector(std::vector<CollisionGeometry> geometries, const std::vector<std::pair<int, int>>& pairs,
@@ -737,6 +737,7 @@ void Detector::load(const std::string& bytes) {
   impl_->points = std::move(points);
   impl_->locals = std::move(locals);
   impl_->pairs = std::move(pairs);
+  impl_->told.clear();
   impl_->next_id = next_id;
 }
 

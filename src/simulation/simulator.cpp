@@ -365,6 +365,7 @@ void Simulator::Impl::solve_contacts(bool answers) {
     solve_selected();
     if (law != Law::Ccp) continue;
     for (int round = 0; assembler.shift_loads(sigma, impulse, settings.solver.tolerance, round == 0); ++round) {
+      guess.answers = false;  // what the loads do to every island is asked here
       solve_selected();
       if (round < kLoadRounds) continue;
       if (solution.status == Status::Solved) solution.status = Status::MaxIterations;

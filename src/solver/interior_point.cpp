@@ -23,7 +23,8 @@ constexpr double kLateCentring = 0.1;
 constexpr int kLateIteration = 20;   // iterations after which centring is never less than kLateCentring
 constexpr int kHold = 8;             // iterations that a reduced theta is held, doubled at each recurrence
 constexpr double kEquality = 1e-10;  // keeps redundant one-row sets factorable
-// The weight of the proximal term: how it rises, and falls from step to step; beyond the range there is none.
+// The weight of the proximal term: how it rises, and falls from step to step; where there is none any more, and where
+// it rises no more.
 constexpr double kWeightRise = 4.0, kWeightFall = 0.7, kLeastWeight = 1e-9, kMostWeight = 10.0;
 // How far inside the cones it starts from a guess: at least, and of the velocity over the largest error.
 constexpr double kInside = 1e-3, kInsideVelocity = 0.3;
