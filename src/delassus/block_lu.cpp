@@ -505,7 +505,7 @@ bool BlockLu::factor() { return factor(copy_from(values_.data())); }
 bool BlockLu::factor_symmetric() { return factor_symmetric(copy_from(values_.data())); }
 
 bool BlockLu::factor(const double* fronts, const BlockDiagonal& added, bool on_diagonal) {
-  return factor_fronts(on_diagonal, [&](const Supernode& super) {
+  return factor_fronts(false, on_diagonal, [&](const Supernode& super) {
     const std::size_t count = static_cast<std::size_t>(super.pivots + 2 * super.updates) * super.pivots;
     std::memcpy(factors_.data() + super.lower, fronts + super.lower, count * sizeof(double));
     add_diagonal(super, added);

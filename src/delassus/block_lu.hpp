@@ -55,7 +55,8 @@ class BlockLu {
   /// values(), goes to `to`, where zeros are, the columns `stride` apart.
   template <typename Write>
   bool factor(const Write& write) {
-    return factor_fronts(false, [&](const Supernode& super) { write_front(super, false, factors_.data(), write); });
+    return factor_fronts(false, false,
+                         [&](const Supernode& super) { write_front(super, false, factors_.data(), write); });
   }
   /// Puts values laid out like values() where factor(fronts, added) takes them from: num_factor_entries() of them.
   void assemble(const double* values, double* fronts) const;
@@ -65,7 +66,10 @@ class BlockLu {
   /// (j, i) the one below the diagonal in the order of elimination is read, so both have to be there.
   bool factor_symmetric();
   template <typename Write>
-  bool factor_symmetric(const Write& write);
+  bool factor_symmetric(const Write& write) {
+    return factor_fronts(true, false,
+                         [&](const Supernode& super) { write_front(super, true, factors_.data(), write); });
+  }
   int determinant_sign() const { return sign_; }
   /// With the last factorisation, in place. Rows that a block does not have are left alone.
   void solve(VectorRef rhs) const;
@@ -106,7 +110,7 @@ class BlockLu {
   void write_front(const Supernode& super, bool symmetric, double* fronts, const Write& write) const;
   void add_diagonal(const Supernode& super, const BlockDiagonal& added);
   template <typename Assemble>
-  bool factor_fronts(bool on_diagonal, Assemble&& assemble);
+  bool factor_fronts(bool symmetric, bool on_diagonal, const Assemble& assemble);
   void extend_add(const Supernode& super, double*& top);
   void extend_add_symmetric(const Supernode& super, double*& top);
 
@@ -159,50 +163,22 @@ void BlockLu::write_front(const Supernode& super, bool symmetric, double* fronts
 }
 
 template <typename Assemble>
-bool BlockLu::factor_fronts(bool on_diagonal, Assemble&& assemble) {
+bool BlockLu::factor_fronts(bool symmetric, bool on_diagonal, const Assemble& assemble) {
   make_room();
   const DenseKernels& kernels = dense_kernels();
   sign_ = 1;
-  symmetric_ = false;
+  symmetric_ = symmetric;
   double* top = stack_.data();
   for (const Supernode& super : supernodes_) {
     const int p = super.pivots, u = super.updates;
-    double* l = factors_.data() + super.lower;
-    double* up = factors_.data() + super.upper;
-    double* schur = schur_.data();
+    double *l = factors_.data() + super.lower, *up = factors_.data() + super.upper, *schur = schur_.data();
     if (u > 0) std::memset(schur, 0, static_cast<std::size_t>(u) * u * sizeof(double));
     assemble(super);
-    extend_add(super, top);
-    const int sign = p == 0 ? 1 : kernels.factor_front(p, u, l, up, schur, pivots_.data() + super.first, on_diagonal);
-    if (sign == 0) {
-      sign_ = 0;
-      return false;
-    }
-    sign_ *= sign;
-    if (u > 0) std::memcpy(top, schur, static_cast<std::size_t>(u) * u * sizeof(double));
-    top += static_cast<Index>(u) * u;
-  }
-  return true;
-}
-
-template <typename Write>
-bool BlockLu::factor_symmetric(const Write& write) {
-  make_room();
-  const DenseKernels& kernels = dense_kernels();
-  sign_ = 1;
-  symmetric_ = true;
-  double* top = stack_.data();
-  for (const Supernode& super : supernodes_) {
-    const int p = super.pivots, u = super.updates;
-    double* l = factors_.data() + super.lower;
-    double* schur = schur_.data();
-    if (u > 0) std::memset(schur, 0, static_cast<std::size_t>(u) * u * sizeof(double));
-    write_front(super, true, factors_.data(), write);
-    extend_add_symmetric(super, top);
-    if (p > 0 && kernels.factor_symmetric_front(p, u, l, factors_.data() + super.upper, schur) == 0) {
-      sign_ = 0;
-      return false;
-    }
+    symmetric ? extend_add_symmetric(super, top) : extend_add(super, top);
+    if (p > 0)
+      sign_ *= symmetric ? kernels.factor_symmetric_front(p, u, l, up, schur)
+                         : kernels.factor_front(p, u, l, up, schur, pivots_.data() + super.first, on_diagonal);
+    if (sign_ == 0) return false;
     if (u > 0) std::memcpy(top, schur, static_cast<std::size_t>(u) * u * sizeof(double));
     top += static_cast<Index>(u) * u;
   }

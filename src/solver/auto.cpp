@@ -142,12 +142,7 @@ class Ladder {
       const bool found = proximal_ ? sweep_and_go_on(*guess) : interior_point(guess, {}, kWarmPatience, kWarmSteps);
       if (found) return;
     }
-    for (const InteriorPoint::Options& options : kLargeAttempts) {
-      if (!proximal_ || !large() || out_of_budget()) break;
-      if (interior_point(nullptr, options, kLargePatience, kLargeSteps)) return;
-      if (acceptable()) return;
-      if (!out_of_budget() && proximal_newton(w_.best, proximal_budget())) return;
-    }
+    if (proximal_ && large() && from_large_attempts()) return;
     const int steps = problem_.sets.num_sets() > kLarge ? kLate : kSteps;
     for (const InteriorPoint::Options& options : kAttempts) {
       const bool near = &options == kAttempts;
@@ -507,6 +502,16 @@ class Ladder {
     if (!done() && result.relative <= kFirstProximal && !out_of_budget())
       proximal_newton(w_.near, kProximal, kWeight, kProximalPatience, &w_.sweeps);
     return true;
+  }
+
+  /// The interior point for long, and proximal Newton from there; whether that does.
+  bool from_large_attempts() {
+    for (const InteriorPoint::Options& options : kLargeAttempts) {
+      if (interior_point(nullptr, options, kLargePatience, kLargeSteps) || acceptable()) return true;
+      if (!out_of_budget() && proximal_newton(w_.best, proximal_budget())) return true;
+      if (out_of_budget()) return false;
+    }
+    return false;
   }
 
   /// Counts what an attempt of Newton cost, and offers its best iterate; whether that does.

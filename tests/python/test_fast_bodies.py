@@ -411,7 +411,7 @@ def velocity(simulator, joint):
 
 
 def test_what_happens_in_one_place_does_not_depend_on_the_others():
-    """Rounds of (S18) solve what they touch alone. Without friction velocities are unique."""
+    """Rounds of (S18) leave alone what they do not touch. Without friction velocities are unique."""
     places = range(9)
     together = crowd(places)
     apart = [crowd([place]) for place in places]

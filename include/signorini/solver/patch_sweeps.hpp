@@ -11,7 +11,7 @@ struct PatchResult {
   double relative = 0.0;        ///< certificate of PatchSweeps::impulse()
   double sweeps = 0.0;          ///< visits over sets
   double factorizations = 0.0;  ///< each by its patch's share of the sets
-  bool spent = false;           ///< or since one more would have been more than max_factorizations
+  bool spent = false;           ///< given up since one more would have been more than max_factorizations
 };
 
 /// For large islands, of the NCP: Gauss-Seidel where the error is (docs/auto.md). What happens in a heap is felt a few

@@ -34,7 +34,7 @@ BOOST_AUTO_TEST_CASE(a_step_that_takes_rounds_is_certified_as_a_whole) {
   rough.torsion = 2e-3, rough.rolling = 1e-3;
   for (const Law law : {Law::Ncp, Law::Ccp})
     for (const Material& material : {Material(), rough}) {
-      // Loads of moments that are left out have speeds of their own then (S17).
+      // There contact_problem() has other loads than the step (S17) for contacts that the step left out.
       if (law == Law::Ccp && material.torsion > 0.0) continue;
       SimulatorSettings settings;
       settings.solver.law = law;
