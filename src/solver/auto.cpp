@@ -29,6 +29,7 @@ constexpr int kWarmNewton = 5;      // iterations granted to Newton from a guess
 constexpr int kWarmSweeps = 10;     // that follow where these do not do and the guess's certificate is above kFarOff
 constexpr double kFarOff = 1e-4;
 constexpr int kWarmPatience = 8, kWarmSteps = 15;
+constexpr double kNearlyDone = 3.0;    // tolerances from which it is tried in a large attempt, if that is more
 constexpr double kFirstFinish = 1e-6;  // certificate at which finish() is first tried
 // The same of finish_reduced(), over the number of sets, and at most; and how long a step has to be.
 constexpr double kFirstReduced = 6e-3, kLargestReduced = 1e-3, kFullStep = 0.97;
@@ -583,7 +584,8 @@ class Ladder {
     const bool patient = options.weight > 0.0;
     interior.start(problem_, law_, guess);
     tried_proximal_ = false;
-    double last = std::numeric_limits<double>::infinity(), next = kFirstFinish, milestone = last;
+    double last = std::numeric_limits<double>::infinity(), milestone = last;
+    double next = patient ? std::max(kFirstFinish, kNearlyDone * tolerance_) : kFirstFinish;
     double reduced = std::min(kFirstReduced / static_cast<double>(problem_.sets.num_sets()), kLargestReduced);
     int since = 0, slow = 0;
     while (true) {
@@ -599,8 +601,10 @@ class Ladder {
       }
       const bool late = !patient && (interior.held_back() || interior.iterations() > kLate);
       if (relative <= next * (late ? kLateFactor : 1.0)) {
-        next = late ? 0.3 * relative / kLateFactor : 0.1 * relative;
-        if (finish(interior.impulse(), late)) return true;
+        next = late ? 0.3 * relative / kLateFactor : patient ? 0.3 * relative : 0.1 * relative;
+        const bool found = patient ? proximal_newton(interior.impulse(), kFinishProximal, kWeight, kFinishProximal)
+                                   : finish(interior.impulse(), late);
+        if (found) return true;
       } else if (proximal_ && !late && relative <= reduced && interior.last_step() >= kFullStep && interior.settled()) {
         reduced = 0.1 * relative;
         if (finish_reduced(interior.impulse())) return true;
