@@ -567,3 +567,12 @@ def test_numbers_are_numbers_however_they_come():
     simulator = Simulator(builder.build())
     with pytest.raises(InvalidInputError, match="q"):
         simulator.state.q = None
+
+
+def test_a_time_that_is_no_number_is_refused():
+    builder = signorini.WorldBuilder()
+    builder.add_body("a", joints=[signorini.Joint("a", "free")], mass=1.0, inertia=np.eye(3))
+    simulator = signorini.Simulator(builder.build())
+    simulator.state.time = np.nan
+    with pytest.raises(signorini.InvalidInputError, match="^time: is nan"):
+        simulator.step()

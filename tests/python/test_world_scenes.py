@@ -105,6 +105,14 @@ def test_options_of_another_type_are_refused(name):
                 scene(**{option: value})
 
 
+def test_the_arm_stands_on_its_ground_or_has_none():
+    """0 and 1, as the command line hands them over, are no heights."""
+    assert "ground" not in worlds()["ur5"](ground=0).world.geometry_names
+    start = worlds()["ur5"](ground=1)
+    ground = start.world.geometry_index("ground")
+    assert all(d > -1e-9 for a, b, d in start.world.touching_pairs(start.q, 0.1) if ground in (a, b))
+
+
 def test_talos_stands_above_the_ground_without_overlaps():
     world, q, _ = started("talos-fall", height=0.02)
     assert world.num_v == 38

@@ -224,7 +224,7 @@ def ur5(q: npt.ArrayLike = (0.0, -0.3, 0.4, 0.0, 0.5, 0.0), *, ground: bool = Fa
     start = _arrays.vector("q", q, 6).copy()
     if not np.isfinite(start).all():
         raise InvalidInputError(f"q: is {q!r}, must be 6 finite numbers")
-    world = load(robots_folder() / "ur_description" / "urdf" / "ur5_robot.urdf", ground=ground)
+    world = load(robots_folder() / "ur_description" / "urdf" / "ur5_robot.urdf", ground=bool(ground))
     return Start(world, start, np.zeros(world.num_v))
 
 
