@@ -810,7 +810,7 @@ class World:
 
     @property
     def initial_q(self) -> Array:
-        """Joints at their reference, free bodies where they were built; num_q values, a copy."""
+        """num_q values, a copy: joints at their reference or the limit next to it, free bodies where built."""
         return np.array(self._core.initial_q)
 
     def integrate(self, q: ArrayLike, v: ArrayLike, time_step: float) -> Array:

@@ -497,7 +497,10 @@ def keyframe(path: Path | str, world: World, number: int | str = 0, prefix: str 
 def state(
     source: Mjcf, world: World, qpos: npt.ArrayLike, qvel: npt.ArrayLike, prefix: str = ""
 ) -> tuple[Array, Array]:
-    """MuJoCo's qpos and qvel as configuration (nq,) and velocity (nv,) of a world that the file was loaded into."""
+    """MuJoCo's qpos and qvel as configuration (nq,) and velocity (nv,) of a world that the file was loaded into.
+
+    source: read(path).
+    """
     model = source.model
     position, velocity = np.asarray(qpos, dtype=np.float64), np.asarray(qvel, dtype=np.float64)
     q, v = np.array(world.initial_q), np.zeros(world.num_v)
