@@ -438,7 +438,7 @@ void Simulator::step() {
   Impl& s = *impl_;
   require_finite("q", s.q);
   require_finite("v", s.v);
-  if (!std::isfinite(s.time)) throw InvalidInput("time", "is " + std::to_string(s.time) + ", must be finite");
+  require(std::isfinite(s.time), "time", s.time, "finite");
   require_finite("control", s.control);
   require_finite("activation", s.activation);
   require_finite("applied_force", s.applied);

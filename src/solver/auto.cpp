@@ -29,8 +29,8 @@ constexpr int kWarmNewton = 5;      // iterations granted to Newton from a guess
 constexpr int kWarmSweeps = 10;     // that follow where these do not do and the guess's certificate is above kFarOff
 constexpr double kFarOff = 1e-4;
 constexpr int kWarmPatience = 8, kWarmSteps = 15;
-constexpr double kNearlyDone = 3.0;    // tolerances from which it is tried in a large attempt, if that is more
 constexpr double kFirstFinish = 1e-6;  // certificate at which finish() is first tried
+constexpr double kNearlyDone = 3.0;    // tolerances from which a large attempt tries to, if that is more
 // The same of finish_reduced(), over the number of sets, and at most; and how long a step has to be.
 constexpr double kFirstReduced = 6e-3, kLargestReduced = 1e-3, kFullStep = 0.97;
 constexpr double kQuick = 0.6;           // what a step leaves of the certificate below which the interior point goes on
@@ -601,10 +601,9 @@ class Ladder {
       }
       const bool late = !patient && (interior.held_back() || interior.iterations() > kLate);
       if (relative <= next * (late ? kLateFactor : 1.0)) {
-        next = late ? 0.3 * relative / kLateFactor : patient ? 0.3 * relative : 0.1 * relative;
-        const bool found = patient ? proximal_newton(interior.impulse(), kFinishProximal, kWeight, kFinishProximal)
-                                   : finish(interior.impulse(), late);
-        if (found) return true;
+        next = late ? 0.3 * relative / kLateFactor : (patient ? 0.3 : 0.1) * relative;
+        if (patient ? proximal_newton(interior.impulse(), kFinishProximal) : finish(interior.impulse(), late))
+          return true;
       } else if (proximal_ && !late && relative <= reduced && interior.last_step() >= kFullStep && interior.settled()) {
         reduced = 0.1 * relative;
         if (finish_reduced(interior.impulse())) return true;
