@@ -151,7 +151,8 @@ class ContactProblem:
     ) -> ContactProblem:
         """The problem with G = J M^-1 J^T, which is never formed: cheaper when contacts outnumber degrees of freedom.
 
-        mass: M [kg, kg m, kg m^2], (nv, nv), symmetric positive definite, both triangles; array or scipy.sparse.
+        mass: M [kg, kg m, kg m^2], (nv, nv), symmetric (to 1e-6) positive definite, both triangles, condition number at
+            most 1e15 (rows scaled to diagonal 1); array or scipy.sparse.
         jacobian: J, (n, nv); array or scipy.sparse.
         The other arguments and errors are those of ContactProblem.
         """
@@ -183,6 +184,7 @@ class ContactProblem:
         self._core = _core.ContactProblem(operator, g, sets, r)
         if check:
             self._core.check_definite()
+        self._asymmetry = operator.asymmetry
         self._sets = sets
         self._name = str(name)
         self._free_velocity = _read_only(g, free_velocity)
@@ -234,7 +236,7 @@ class ContactProblem:
     @property
     def asymmetry(self) -> float:
         """max |G - G^T| / max |G| of the matrix that was given."""
-        return self._core.delassus.asymmetry
+        return self._asymmetry
 
     @cached_property
     def scale(self) -> _arrays.Array:
@@ -286,6 +288,7 @@ class ContactProblem:
             self._compliance,
             None if pure else self._constraints,
             self._name,
+            self._asymmetry,
         )
 
 
@@ -296,12 +299,22 @@ def check_problem(problem: Any) -> ContactProblem:
 
 
 def _rebuild(
-    matrices: tuple[Any, ...], free_velocity: Any, friction: Any, compliance: Any, constraints: Any, name: str
+    matrices: tuple[Any, ...],
+    free_velocity: Any,
+    friction: Any,
+    compliance: Any,
+    constraints: Any,
+    name: str,
+    asymmetry: float,
 ) -> ContactProblem:
+    vectors = free_velocity, friction, compliance
     arguments: dict[str, Any] = {"constraints": constraints, "name": name, "check": False}
     if len(matrices) == 2:
-        return ContactProblem.from_mass(matrices[0], matrices[1], free_velocity, friction, compliance, **arguments)
-    return ContactProblem(matrices[0], free_velocity, friction, compliance, **arguments)
+        problem = ContactProblem.from_mass(matrices[0], matrices[1], *vectors, **arguments)
+    else:
+        problem = ContactProblem(matrices[0], *vectors, **arguments)
+    problem._asymmetry = asymmetry
+    return problem
 
 
 def _square(field: str, shape: tuple[int, ...]) -> None:
@@ -317,8 +330,8 @@ def _kept(matrix: sp.csc_array, given: Any) -> sp.csc_array:
 
 
 def _read_only(array: _arrays.Array, given: Any) -> _arrays.Array:
-    # A copy when the caller's own array came through unchanged: later writes to it must not show here.
-    if isinstance(given, np.ndarray) and np.shares_memory(array, given):
+    # A copy when what the caller gave came through unchanged: later writes to it must not show here.
+    if given is not None and np.shares_memory(array, np.asarray(given)):
         array = array.copy()
     array.flags.writeable = False
     return array

@@ -74,8 +74,9 @@ class Solution:
     iterations, factorizations: counts
     seconds: wall time of the solve
     penalty: ADMM's last rho, for a warm start; 0 for other methods
-    history: structured array, one record an iteration, if asked for: iteration, factorizations, penalty and the fields
-        of Residual
+    history: structured array, one record an iterate, if asked for: iteration, factorizations, penalty and the fields
+        of Residual. Newton's method, the interior point and "convex-newton" begin with their start, iteration 0; of
+        "auto" there are the iterates of each method it tried in each island, one after the other, counted through
     """
 
     status: str

@@ -10,9 +10,22 @@
 #include "explicit_system.hpp"
 #include "islands.hpp"
 #include "require.hpp"
+#include "whiten.hpp"
 
 namespace signorini {
 namespace {
+
+// Of M, its rows scaled: below the first its rounding would decide G; below the second M^-1 J^T, as it is computed from
+// M, would be off by more than 1e-12 of itself.
+constexpr double kUnsymmetric = 1e-6, kSingular = 1e-15, kIllConditioned = 1e-4;
+
+/// Of m scaled to diagonal 1, as a free body's metres and radians do not matter.
+double reciprocal_condition(Matrix m) {
+  const Vector root = m.diagonal().cwiseSqrt().cwiseInverse();
+  m = root.asDiagonal() * m * root.asDiagonal();
+  const Eigen::LLT<Matrix> cholesky(m);
+  return cholesky.info() == Eigen::Success ? cholesky.rcond() : 0.0;
+}
 
 int num_rows(ReducedSet::Kind kind) {
   using Kind = ReducedSet::Kind;
@@ -573,6 +586,9 @@ MassSpaceDelassus::MassSpaceDelassus(const SparseMatrix& mass, const SparseMatri
   require_finite("mass", mass);
   require_finite("jacobian", jacobian);
   asymmetry_ = asymmetry_of(mass);
+  if (!(asymmetry_ <= kUnsymmetric)) {
+    throw InvalidInput("mass", "has max |M - M^T| / max |M| = " + in_full(asymmetry_) + ", must be symmetric, to 1e-6");
+  }
   const SparseMatrix transpose = mass.transpose();
   mass_ = asymmetry_ == 0.0 ? mass : SparseMatrix(0.5 * (mass + transpose));
   jacobian_ = jacobian;
@@ -603,6 +619,7 @@ void MassSpaceDelassus::invert_mass() {
     groups_[group_of_[c]].push_back(c);
   }
   std::vector<Eigen::LLT<Matrix>> cholesky(groups_.size());
+  std::vector<std::size_t> ill_conditioned;
   for (std::size_t k = 0; k < groups_.size(); ++k) {
     const auto size = static_cast<Index>(groups_[k].size());
     Matrix block = Matrix::Zero(size, size);
@@ -612,6 +629,18 @@ void MassSpaceDelassus::invert_mass() {
     if (cholesky[k].info() != Eigen::Success) {
       throw InvalidInput("mass", "is not positive definite, in the block of row " + std::to_string(groups_[k].front()));
     }
+    const double reciprocal = size > 1 ? reciprocal_condition(std::move(block)) : 1.0;
+    if (!(reciprocal >= kSingular)) {
+      throw InvalidInput("mass", "has the reciprocal condition " + in_full(reciprocal) + " in the block of row " +
+                                     std::to_string(groups_[k].front()) + ", its rows scaled to diagonal 1, must be " +
+                                     "at least 1e-15: its rounding would decide the answer");
+    }
+    if (reciprocal < kIllConditioned) ill_conditioned.push_back(k);
+  }
+  if (!ill_conditioned.empty()) {
+    whiten_groups(ill_conditioned, position);
+    for (const std::size_t k : ill_conditioned)
+      cholesky[k].compute(Matrix::Identity(cholesky[k].rows(), cholesky[k].rows()));
   }
   std::vector<Eigen::Triplet<double>> triplets;
   std::vector<Vector> rhs(groups_.size());
@@ -636,6 +665,45 @@ void MassSpaceDelassus::invert_mass() {
   inverse_mass_jacobian_.resize(nv, size());
   inverse_mass_jacobian_.setFromTriplets(triplets.begin(), triplets.end());
   inverse_mass_jacobian_.prune([](Index, Index, double value) { return value != 0.0; });
+}
+
+/// The velocities of these groups become L^T times themselves: M the identity there, and J^T L^-1 J^T, exact but for
+/// rounding. G is the same.
+void MassSpaceDelassus::whiten_groups(const std::vector<std::size_t>& groups, const std::vector<int>& position) {
+  std::vector<bool> whitened(groups_.size(), false);
+  std::vector<Eigen::Triplet<double>> mass, jacobian;
+  for (const std::size_t k : groups) {
+    const std::vector<int>& group = groups_[k];
+    whitened[k] = true;
+    const auto size = static_cast<Index>(group.size());
+    std::vector<int> rows;
+    for (const int c : group)
+      for (SparseMatrix::InnerIterator it(jacobian_, c); it; ++it) rows.push_back(static_cast<int>(it.row()));
+    std::sort(rows.begin(), rows.end());
+    rows.erase(std::unique(rows.begin(), rows.end()), rows.end());
+    Matrix block = Matrix::Zero(size, size), columns = Matrix::Zero(size, static_cast<Index>(rows.size()));
+    for (const int c : group) {
+      for (SparseMatrix::InnerIterator it(mass_, c); it; ++it) block(position[it.row()], position[c]) = it.value();
+      for (SparseMatrix::InnerIterator it(jacobian_, c); it; ++it)
+        columns(position[c], std::lower_bound(rows.begin(), rows.end(), it.row()) - rows.begin()) = it.value();
+    }
+    if (!whiten(block, columns)) {
+      throw InvalidInput("mass", "is not positive definite, in the block of row " + std::to_string(group.front()));
+    }
+    for (Index i = 0; i < size; ++i) {
+      mass.emplace_back(group[i], group[i], 1.0);
+      for (Index c = 0; c < columns.cols(); ++c)
+        if (columns(i, c) != 0.0) jacobian.emplace_back(rows[c], group[i], columns(i, c));
+    }
+  }
+  for (int c = 0; c < num_velocities(); ++c) {
+    if (whitened[group_of_[c]]) continue;
+    for (SparseMatrix::InnerIterator it(mass_, c); it; ++it) mass.emplace_back(it.row(), c, it.value());
+    for (SparseMatrix::InnerIterator it(jacobian_, c); it; ++it) jacobian.emplace_back(it.row(), c, it.value());
+  }
+  mass_.setFromTriplets(mass.begin(), mass.end());
+  jacobian_.setFromTriplets(jacobian.begin(), jacobian.end());
+  transpose_ = jacobian_.transpose();
 }
 
 void MassSpaceDelassus::apply(const ConstVectorRef& x, VectorRef y) const {

@@ -132,6 +132,13 @@ MASS_BAD = {
     "mass of another size": ({"mass": np.eye(5)}, "jacobian"),
     "mass singular": ({"mass": np.diag([1.0, 1, 1, 0])}, "mass"),
     "mass negative": ({"mass": -np.eye(4)}, "mass"),
+    "mass of one triangle": ({"mass": np.tri(4) + 4 * np.eye(4)}, r"mass: has max \|M - M\^T\|"),
+    "mass unsymmetric": ({"mass": 9 * np.eye(4) + np.arange(16).reshape(4, 4)}, r"mass: has max \|M - M\^T\|"),
+    "mass singular but for rounding": (
+        {"mass": np.ones((4, 4)) + 1e-16 * np.diag([1.0, 2, 3, 4]) + 2e-16 * np.eye(4)},
+        "mass",
+    ),
+    "mass nearly singular": ({"mass": np.kron(np.eye(2), [[1.0, 1.0], [1.0, 1.0 + 4e-16]])}, "reciprocal condition"),
     "mass nan": ({"mass": np.diag([1.0, 1, 1, np.nan])}, "mass"),
     "jacobian inf": ({"jacobian": np.full((3, 4), np.inf)}, "jacobian"),
     "jacobian of text": ({"jacobian": [["a"] * 4] * 3}, "jacobian"),

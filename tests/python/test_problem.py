@@ -1,3 +1,4 @@
+import array
 import pickle
 import subprocess
 import sys
@@ -79,6 +80,20 @@ def test_later_writes_to_the_arrays_given_change_nothing(planted):
         problem.friction = mu
 
 
+def test_later_writes_through_buffers_change_nothing(planted):
+    delassus, g, mu, _ = planted
+    buffers = array.array("d", g), array.array("d", mu), memoryview(array.array("d", np.ones_like(g)))
+    problem = ContactProblem(delassus, *buffers)
+    before = signorini.solve(problem).impulse
+    for buffer in buffers:
+        for i in range(len(buffer)):
+            buffer[i] = 7.0
+    np.testing.assert_array_equal(problem.free_velocity, g)
+    np.testing.assert_array_equal(problem.friction, mu)
+    np.testing.assert_array_equal(problem.compliance, np.ones_like(g))
+    np.testing.assert_array_equal(signorini.solve(pickle.loads(pickle.dumps(problem))).impulse, before)
+
+
 @pytest.mark.parametrize("convert", [np.array, sp.csc_array, sp.csc_matrix, sp.csr_array, sp.coo_array, sp.bsr_array])
 def test_later_writes_to_mass_and_jacobian_change_nothing(convert):
     mass, j, g, mu, _ = planted_problem(1)
@@ -112,6 +127,27 @@ def test_an_unsymmetric_matrix_stands_for_its_symmetric_part(planted):
     # max |G - G^T| = 2e-3, whatever G
     assert problem.asymmetry == pytest.approx(2e-3 / abs(delassus + 1e-3 * skew).max(), rel=1e-6)
     assert ContactProblem(delassus, g, mu).asymmetry < 1e-15
+    for matrix in (delassus + 1e-3 * skew, sp.csc_array(delassus + 1e-3 * skew)):
+        problem = ContactProblem(matrix, g, mu)
+        assert pickle.loads(pickle.dumps(problem)).asymmetry == problem.asymmetry
+
+
+def test_what_is_certified_is_true_of_an_ill_conditioned_mass_matrix():
+    # M = T^T T of whole numbers, det T = 1, so that G is of whole numbers too; condition number 9e10.
+    t = np.eye(6) + 8 * np.eye(6, k=-1)
+    x = np.rint(np.linalg.inv(t)).T
+    np.testing.assert_array_equal(t @ x.T, np.eye(6))
+    rng = np.random.default_rng(0)
+    solved = 0
+    for _ in range(20):
+        j = rng.integers(-3, 4, (9, 6)).astype(float)
+        exact, g = (x @ j.T).T @ (x @ j.T), rng.normal(size=9)
+        problem = ContactProblem.from_mass(t.T @ t, j, g, 0.5)
+        solution = signorini.solve(problem, tolerance=1e-8)
+        certificate = signorini.residual(ContactProblem(exact, g, 0.5), solution.impulse)
+        assert certificate.relative == pytest.approx(solution.residual.relative, rel=1e-3, abs=1e-12)
+        solved += solution.solved
+    assert solved > 10
 
 
 def test_scale_is_the_mean_diagonal_of_each_contact(planted):

@@ -61,7 +61,7 @@ struct Settings {
   double aim = 0.0;
   /// 0: the solver's own default; else at least 1. Of `auto`: factorisations that an island may cost, about.
   int max_iterations = 0;
-  bool record_history = false;  ///< Solution::history, one record an iteration
+  bool record_history = false;  ///< Solution::history, one record an iterate
   AdmmSettings admm;
   PgsSettings pgs;
   PyramidSettings pyramid;

@@ -36,6 +36,8 @@ struct Solution {
   int factorizations = 0;  ///< likewise
   double seconds = 0.0;    ///< wall time of the solve, symbolic analysis included
   double penalty = 0.0;    ///< ADMM's last rho, for a warm start; 0 elsewhere
+  /// One record an iterate; newton, interior point and convex-newton begin with their start, iteration 0; of auto those
+  /// of each method in each island, one after the other, counted through.
   std::vector<IterationRecord> history;
 };
 
