@@ -19,7 +19,8 @@ class InverseSolution:
     """What inverse_contact returns; complete also when there is no solution.
 
     status: "solved"; "infeasible", no impulse allows this velocity; "max iterations"; "invalid", the impulse is too
-        large for a number. Unless solved, the impulse is the last iterate
+        large for a number. Unless solved, the impulse is the start, or the last iterate where that is much
+        nearer to one that allows it
     impulse: [N s], (n,)
     velocity: s = R impulse + c [m/s], (n,), without the De Saxce correction
     residual: how far the velocity is from one that the law allows with this impulse [m/s, rad/s]: the largest

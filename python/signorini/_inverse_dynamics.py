@@ -23,7 +23,7 @@ class InverseDynamicsResult:
     """What a wanted motion takes; complete also when there is no solution.
 
     torque: (num_v,) what the actuated velocities need [N, N m], 0 at the others. Constant during the step; contact,
-        gravity, springs, dampers and given controls are taken care of. Of no meaning, and often huge, unless solved.
+        gravity, springs, dampers and given controls are taken care of. Of no meaning unless solved.
     contact_impulse: (num_contacts, 3), on body b in the frames of `contacts` (t1, t2, n) [N s].
     root_wrench: what no actuator can give, by the name of the joint it is missing at: generalised forces of its
         velocities [N, N m]; of a free joint, force and moment in the frame of the body. A motion is feasible when these
@@ -33,7 +33,9 @@ class InverseDynamicsResult:
     iterations: proximal steps.
     residual: how far the motion is from one that the law of contact allows with these impulses [m/s, rad/s], at the
         constraint where it is farthest, `worst` in words.
-    relative: residual over the largest speed in sight: of a constraint, or of a fall during the step.
+    relative: residual over the largest speed in sight: of a constraint, or of a fall during the step. At most the
+        tolerance when solved, but where the motion is the certified step of the simulator given: that certificate
+        counts in impulses.
     contacts: with forces and velocities, as Simulator.contacts would list them after the step.
     v_next: (num_v,) the motion that all this is for: the wanted one, or the closest feasible.
     """

@@ -202,6 +202,7 @@ std::shared_ptr<const World> Simulator::world_ptr() const { return impl_->world;
 const SimulatorSettings& Simulator::settings() const { return impl_->settings; }
 Vector& Simulator::q() { return impl_->q; }
 Vector& Simulator::v() { return impl_->v; }
+const Vector& Simulator::v() const { return impl_->v; }
 double& Simulator::time() { return impl_->time; }
 Vector& Simulator::control() { return impl_->control; }
 Vector& Simulator::activation() { return impl_->activation; }

@@ -14,7 +14,8 @@ namespace {
 
 constexpr double kOverflow = 1e100;  // beyond: no number to work with
 constexpr double kGain = 0.1, kNoGain = 0.9;
-constexpr double kBorder = 1e-12;  // share of the cone's radius that is rounding
+constexpr double kBorder = 1e-12;     // share of the cone's radius that is rounding
+constexpr double kNearBorder = 1e-3;  // share of the impulse that the certificate of a step may leave it off the border
 
 using Row3 = Eigen::Vector3d;
 
@@ -110,8 +111,21 @@ void proximal_step(const ConstraintSet& set, const InverseSettings& settings, co
   }
 }
 
-/// Proximal steps of one set from `impulse`, in K. A start that is good enough stays what it is; else the steps go on
-/// past `allowed` as long as they gain much.
+/// The impulse of a rigid contact that slides as c says, opposite to it on the border of the cone, nearest to
+/// `impulse`: for the NCP the one with the same normal, of which Coulomb's law says nothing (T46).
+Row3 sliding_impulse(double friction, Law law, const double* c, const double* impulse) {
+  const double speed = length(c[0], c[1]);
+  const double t0 = -c[0] / speed, t1 = -c[1] / speed;
+  double normal = impulse[2];
+  if (law == Law::Ccp)
+    normal = std::max(0.0, (normal + friction * (t0 * impulse[0] + t1 * impulse[1])) / (1.0 + friction * friction));
+  return Row3(friction * normal * t0, friction * normal * t1, normal);
+}
+
+/// Proximal steps of one set from `impulse`, in K. A start that is good enough stays what it is, one that is but for
+/// the border of the cone is put there: over rho the rounding of c would move it far. Else the steps go on past
+/// `allowed` as long as they gain much; where there is no solution what is nearest to the start stays, not what steps
+/// led to.
 Status solve_set(const ConstraintSet& set, const InverseSettings& settings, const double* c, const double* r,
                  double allowed, double* impulse, int& iterations) {
   const Index rows = set.size();
@@ -122,6 +136,20 @@ Status solve_set(const ConstraintSet& set, const InverseSettings& settings, cons
   };
   double residual = own_residual(impulse);
   if (residual <= allowed) return Status::Solved;
+  double nearest[3], least = residual;  // to a solution, of what is next to the start
+  std::copy_n(impulse, rows, nearest);
+  if (set.type == SetType::FrictionCone && r[0] == 0.0 && r[2] == 0.0 && (c[0] != 0.0 || c[1] != 0.0)) {
+    const Row3 slides = sliding_impulse(set.friction, settings.law, c, impulse);
+    const double sliding = own_residual(slides.data());
+    const Row3 moved = slides - Eigen::Map<Row3>(impulse);
+    const bool near = length(moved.data(), 3) <= kNearBorder * length(slides.data(), 3);
+    if (sliding < least && (near || settings.max_iterations > 0)) least = sliding, Eigen::Map<Row3>(nearest) = slides;
+    if (least <= allowed || near) {
+      residual = least;
+      std::copy_n(nearest, rows, impulse);
+      if (residual <= allowed) return Status::Solved;
+    }
+  }
   for (iterations = 1; iterations <= settings.max_iterations; ++iterations) {
     double next[3];
     std::copy_n(impulse, rows, next);
@@ -134,8 +162,10 @@ Status solve_set(const ConstraintSet& set, const InverseSettings& settings, cons
     std::copy_n(next, rows, impulse);
     if (residual == 0.0) return Status::Solved;
     // An infeasible set's residual does not fall while its impulse grows without bound.
-    if (residual > allowed && residual > kNoGain * before && infeasibility(set, settings.law, c, r) > allowed)
+    if (residual > allowed && residual > kNoGain * before && infeasibility(set, settings.law, c, r) > allowed) {
+      if (residual > kNoGain * least) std::copy_n(nearest, rows, impulse);
       return Status::Infeasible;
+    }
   }
   --iterations;
   return residual <= allowed ? Status::Solved : Status::MaxIterations;
@@ -202,7 +232,7 @@ void judge(const ConstVectorRef& velocity, const ConstVectorRef& compliance, con
 void InverseSettings::validate() const {
   require(proximal_weight > 0.0 && proximal_weight <= 1e6, "proximal_weight", proximal_weight, "in (0, 1e6] 1/kg");
   require(tolerance > 0.0 && tolerance < 1.0, "tolerance", tolerance, "in (0, 1)");
-  require(max_iterations >= 1, "max_iterations", max_iterations, "at least 1");
+  require(max_iterations >= 0, "max_iterations", max_iterations, "at least 0");
 }
 
 void judge_inverse(const ConstVectorRef& velocity, const ConstVectorRef& compliance, const ConstraintSets& sets,

@@ -696,3 +696,20 @@ def test_any_number_has_a_status_and_solved_is_only_said_of_what_is(c, guess, d,
         assert solution.relative <= 1e-6
         x = solution.impulse
         assert np.hypot(*x[:2]) <= mu * x[2] * (1.0 + 1e-9)
+
+
+def test_an_impulse_just_off_the_border_is_put_there_and_not_moved_far():
+    slope = np.array([0.6, -0.8])
+    for law, normal in (("ncp", 1e-9), ("ccp", 0.5 * 3.0 + 1e-9)):  # slides at 3 m/s; rounding in the normal velocity
+        c = np.array([*(-3.0 * slope), normal])
+        guess = np.array([*(0.5 * (1 - 1e-6) * slope), 1.0])
+        solution = inverse_contact(c, None, [0.5], guess, law)
+        assert solution.solved
+        np.testing.assert_allclose(solution.impulse, [*(0.5 * slope), 1.0], atol=2e-6)
+
+
+@pytest.mark.parametrize("law", ["ncp", "ccp"])
+def test_without_a_solution_the_impulse_stays_near_the_guess(law):
+    solution = inverse_contact([0.1, 0.0, -0.05], None, [0.5], [0.0, 0.0, 1.0], law)
+    assert solution.status == "infeasible"
+    assert np.abs(solution.impulse).max() < 2.0

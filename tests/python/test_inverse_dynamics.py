@@ -10,6 +10,7 @@ from scipy.optimize import minimize
 from test_physics import G, _close_three_bars, add_box, add_sphere, pendulum
 
 from signorini import (
+    Box,
     InvalidInputError,
     InverseDynamics,
     Joint,
@@ -1301,3 +1302,43 @@ def test_a_wrench_on_the_world_and_numbers_that_overflow_are_refused():
     state = (stool.initial_q, np.full(stool.num_v, 1e90))
     with pytest.raises(InvalidInputError, match=r"v, v_next: are too large"):
         inverse_dynamics(stool, state, np.zeros(stool.num_v), DT, closest=True)
+
+
+@pytest.mark.parametrize("law", ["ncp", "ccp"])
+@pytest.mark.parametrize("stiffness", [np.inf, 2e4])
+@pytest.mark.parametrize("loop", [False, True])
+def test_a_certified_step_is_undone_to_the_tolerance_it_was_made_with(law, stiffness, loop):
+    soft = {} if np.isinf(stiffness) else {"stiffness": stiffness, "damping": 50.0}
+    material = Material(friction=0.6, restitution=0.5, **soft)
+    builder = WorldBuilder()
+    builder.add_ground(material)
+    builder.add_body("base", joints=[Joint("root", "free")], position=(0, 0, 0.16), mass=2, inertia=np.eye(3) * 0.02)
+    builder.add_geometry("base", Box((0.15, 0.1, 0.05)), material=material)
+    for i, y in enumerate((-0.12, 0.12)):
+        knee = Joint(f"knee {i}", "revolute", axis=(0, 1, 0), friction=0.02, lower=-0.3, upper=0.3)
+        leg = {"mass": 0.3, "center": (0, 0, -0.08), "inertia": np.eye(3) * 0.001}
+        builder.add_body(f"leg {i}", parent="base", position=(0.1, y, 0), joints=[knee], **leg)
+        builder.add_geometry(f"leg {i}", Sphere(0.03), position=(0, 0, -0.13), material=material)
+    if loop:
+        builder.add_coupling("knee 1", "knee 0", (0, 1.0))
+    world = builder.build()
+    inverse = InverseDynamics(world, dt=1e-3, law=law)
+    rng = np.random.default_rng(3)
+    touched = 0
+    for _ in range(40):
+        simulator = Simulator(world, law=law)
+        change, v = rng.normal(size=world.num_v) * 0.15, rng.normal(size=world.num_v)
+        change[2] = -rng.uniform(0, 0.02)
+        if loop:
+            change[7], v[7] = change[6], v[6]
+        q = world.integrate(world.initial_q, change, 1.0)
+        simulator.state.q, simulator.state.v = q, v
+        simulator.applied_force[:] = applied = rng.normal(size=world.num_v) * 2
+        simulator.step()
+        assert simulator.report.unsolved == 0
+        result = inverse((q, v), simulator.state.v, simulator, actuated=np.ones(world.num_v, bool))
+        largest = max([1.0] + [np.linalg.norm(contact.force) for contact in simulator.contacts])
+        touched += largest > 1.0
+        assert result.solved
+        assert abs(result.force - applied).max() <= 1e-3 * largest
+    assert touched > 10

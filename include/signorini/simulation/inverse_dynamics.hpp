@@ -15,8 +15,10 @@ struct InverseDynamicsResult {
   /// Of the contact impulses. Solved; Infeasible: no impulse allows this motion; MaxIterations; Invalid. Of the closest
   /// motion also what the contact solver says. Numbers are filled in all cases.
   Status status = Status::Invalid;
-  double residual = 0.0;   ///< InverseSolution::residual [m/s, rad/s]
-  double relative = 0.0;   ///< the same over the largest speed in sight: of contacts, or of a fall in one step
+  double residual = 0.0;  ///< InverseSolution::residual [m/s, rad/s]
+  /// The same over the largest speed in sight: of contacts, or of a fall in one step. Within the tolerance when solved,
+  /// but for a step of `simulator`, certified otherwise.
+  double relative = 0.0;
   int iterations = 0;      ///< proximal steps
   Vector force;            ///< nv, generalised, for the step: J^T impulse / time_step is not in it [N, N m]
   Vector v_next;           ///< nv, the motion that this is for: the wanted one, or the closest feasible

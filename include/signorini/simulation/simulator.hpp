@@ -78,8 +78,9 @@ class Simulator {
   const SimulatorSettings& settings() const;
 
   // Inputs; written by the caller between steps.
-  Vector& q();              ///< nq values
-  Vector& v();              ///< nv values
+  Vector& q();  ///< nq values
+  Vector& v();  ///< nv values
+  const Vector& v() const;
   double& time();           ///< [s]
   Vector& control();        ///< one value an actuator
   Vector& activation();     ///< likewise, of those that have one; a part of the state

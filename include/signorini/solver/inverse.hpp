@@ -9,13 +9,14 @@ struct InverseSettings {
   Law law = Law::Ncp;
   double proximal_weight = 1e-8;  ///< rho [1/kg], in (0, 1e6]; takes the place of a compliance that is 0
   double tolerance = 1e-6;        ///< on InverseSolution::relative, in (0, 1)
-  int max_iterations = 100;       ///< at least 1
+  int max_iterations = 100;       ///< at least 0, where the guess is only put in K and judged
 
   /// Raises InvalidInput naming the field, its value and the allowed range.
   void validate() const;
 };
 
-/// Complete also when there is no solution: the impulse is then the last iterate.
+/// Complete also when there is no solution: the impulse is then the start, or the last iterate where
+/// that is much nearer to one.
 struct InverseSolution {
   /// Solved, MaxIterations, Infeasible: no impulse allows the velocity; Invalid: the impulse is too large for a number.
   Status status = Status::Invalid;
