@@ -1069,10 +1069,11 @@ bool Assembler::select_violated(const ConstVectorRef& impulse, Law law, VectorRe
   };
   bool spare = false;
   for (std::size_t i = 0; i < sets_.size(); ++i) {
-    const Set& set = sets_[i];
+    Set& set = sets_[i];
     if (set.offset >= 0) continue;
     double* own = sigma.data() + set.start;
     set_velocity(set, velocity_, twists_, own);
+    if (law == Law::Ccp && is_moment(set)) set_load_speed(set, std::hypot(own[0], own[1]));  // (S17), load 0
     own[set.rows - 1] += set.correction;
     spare = spare || set.spare;
     if (!set.spare && joins(i)) selection_.push_back(static_cast<int>(i));

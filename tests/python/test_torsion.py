@@ -411,3 +411,35 @@ def test_mjcf_files_spin_and_roll_as_mujoco_has_them(tmp_path, condim, start):
     assert ours[:2] == pytest.approx(data.qvel[:2], abs=0.01)  # MuJoCo's are in the world; its ball lifts off
     assert simulator.state.v[3:] == pytest.approx(data.qvel[3:], abs=0.1)
     assert np.abs(np.asarray(start) - ours).max() > 0.1 or condim == 3
+
+
+@pytest.mark.parametrize("law", ["ncp", "ccp"])
+def test_the_certificate_holds_for_moments_of_contacts_left_out(law):
+    rolling, torsion = 0.01, 0.02
+    surface = Material(friction=0.6, torsion=torsion, rolling=rolling)
+    builder = WorldBuilder()
+    builder.add_ground(surface)
+    rng = np.random.default_rng(0)
+    for i in range(18):
+        place = (0.25 * (i % 3) + rng.uniform(-0.02, 0.02), 0.25 * (i // 3 % 3), 0.12 + 0.23 * (i // 9))
+        name = f"body {i}"
+        builder.add_body(name, joints=[Joint(name, "free")], position=place, mass=1.0, inertia=5e-3 * np.eye(3))
+        builder.add_geometry(name, Box((0.1, 0.1, 0.1)) if i % 2 else Sphere(0.1), material=surface)
+    simulator = Simulator(builder.build(), law=law)
+    simulator.state.v[:] = np.random.default_rng(1).normal(size=simulator.world.num_v) * 0.5
+    left_out = 0
+    for _ in range(30):
+        simulator.run(10)
+        contacts = simulator.contacts
+        if not contacts:
+            continue
+        left_out += 3 * len(contacts) - simulator.report.num_constraints
+        moments = []
+        for contact in contacts:
+            moment, normal = contact.moment_local, contact.force_local[2]
+            moments += [moment[0], moment[1], rolling * normal, moment[2], 0.0, torsion * normal]
+        impulse = simulator.settings.time_step * np.concatenate([contacts.force_local.ravel(), moments])
+        certificate = signorini.residual(simulator.contact_problem(), impulse, law=law)
+        # Loads are r times the normal impulse to the tolerance only.
+        assert certificate.relative <= 5.0 * simulator.settings.tolerance
+    assert left_out > 0
