@@ -48,8 +48,8 @@ class SimulatorSettings:
         back less, in proportion.
     max_correction_speed: limit of that [m/s, rad/s].
     restitution_threshold: approach speed below which nothing bounces [m/s].
-    contact_margin: points with a gap up to this are part of the problem [m]; None: 2 mm and 3 m/s times the time step.
-        What may come nearer by more than either in a step is swept (docs/collision.md).
+    contact_margin: points with a gap up to this, or up to 0.1 um, are part of the problem [m]; None: 2 mm and 3 m/s
+        times the time step. What may come nearer by more than either in a step is swept (docs/collision.md).
     """
 
     time_step: float = 1e-3

@@ -175,6 +175,22 @@ def test_a_rollout_that_explodes_does_not_stop_the_others(tumble):
     assert np.isfinite(result.states[1]).all()
 
 
+def test_a_box_at_rest_stays_on_its_corners_without_a_margin():
+    """Far from the origin on a slope, where its gaps are a little more or less than 0 by rounding."""
+    slope = np.array([0.0, math.sin(0.05), 0.0, math.cos(0.05)])
+    up = np.array([math.sin(0.1), 0.0, math.cos(0.1)])
+    place = 1000.0 * np.array([math.cos(0.1), 0.0, -math.sin(0.1)]) + (0.05 + 1e-3) * up
+    builder = WorldBuilder()
+    builder.add_geometry("world", signorini.HalfSpace(), orientation=slope)
+    add_box(builder, "box", 1.0, (0.1, 0.05, 0.05), place, None, slope)
+    simulator = Simulator(builder.build(), contact_margin=0.0)
+    simulator.step(200)
+    for _ in range(300):
+        simulator.step()
+        assert (simulator.contacts.mode != "open").sum() == 4
+        assert simulator.contact_force("world", "box") == pytest.approx([0.0, 0.0, 9.81], abs=1e-4)
+
+
 def test_contacts_say_who_where_and_how_strong():
     builder = WorldBuilder()
     builder.add_ground()
