@@ -531,8 +531,8 @@ class Simulator:
         return bytes(self._core.save())
 
     def restore(self, saved: bytes) -> None:
-        """Goes on from what save() of an equal simulator returned (saved), bit for bit. Other bytes raise
-        InvalidInputError."""
+        """Goes on from what save() of an equal simulator returned (saved), bit for bit. Other bytes, damaged ones too,
+        raise InvalidInputError and leave the simulator as it is."""
         if not isinstance(saved, bytes):
             raise InvalidInputError(f"saved: is a {type(saved).__name__}, must be bytes from save()")
         self._core.restore(saved)

@@ -128,7 +128,7 @@ def test_a_plate_that_slaps_down_goes_on_bit_for_bit_from_its_middle():
             assert known(other) == after[k], (at, k)
 
 
-@pytest.mark.parametrize(("now", "before"), [(b"signorini state 4", 3), (b"signorini detector 3", 2)])
+@pytest.mark.parametrize(("now", "before"), [(b"signorini state 5", 4), (b"signorini detector 3", 2)])
 def test_states_of_an_older_format_are_refused(tumble, now, before):
     simulator = Simulator(tumble)
     simulator.run(100)
@@ -149,6 +149,22 @@ def test_damaged_states_are_refused(tumble, damage):
     assert simulator.state_hash == before
     with pytest.raises(InvalidInputError, match="another time step"):
         Simulator(tumble, time_step=2e-3).restore(simulator.save())
+
+
+def test_every_flipped_bit_of_a_saved_state_is_refused(tumble):
+    simulator = Simulator(tumble)
+    simulator.run(100)
+    saved = simulator.save()
+    simulator.step(3)
+    before = simulator.save()
+    for bit in range(8 * len(saved)):
+        damaged = bytearray(saved)
+        damaged[bit // 8] ^= 1 << bit % 8
+        with pytest.raises(InvalidInputError, match="bytes"):
+            simulator.restore(bytes(damaged))
+    assert simulator.save() == before
+    simulator.restore(saved)
+    assert simulator.save() == saved
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])

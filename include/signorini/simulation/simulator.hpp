@@ -119,7 +119,8 @@ class Simulator {
   /// Back to the world's initial configuration, at rest, time 0; forgets warm starts.
   void reset();
   /// Everything that the next step depends on. restore() of these bytes, in a simulator of an equal world and equal
-  /// settings, goes on bit for bit. Raises InvalidInput("bytes", ...) on anything else.
+  /// settings, goes on bit for bit. Raises InvalidInput("bytes", ...) on anything else and leaves the state: a checksum
+  /// is among the bytes.
   std::string save() const;
   void restore(const std::string& bytes);
   /// 64-bit FNV-1a hash of q, v and time.

@@ -73,6 +73,11 @@ BOOST_AUTO_TEST_CASE(saved_bytes_that_are_damaged_are_refused) {
   for (std::size_t size = 0; size < bytes.size(); size += 7)
     BOOST_CHECK_THROW(simulator.restore(bytes.substr(0, size)), InvalidInput);
   BOOST_CHECK_THROW(simulator.restore(bytes + "x"), InvalidInput);
+  for (std::size_t at = 0; at < bytes.size(); ++at) {
+    std::string damaged = bytes;
+    damaged[at] = static_cast<char>(damaged[at] ^ (1 << at % 8));
+    BOOST_CHECK_THROW(simulator.restore(damaged), InvalidInput);
+  }
   BOOST_TEST(simulator.save() == bytes);  // a refused restore leaves the state
 }
 
