@@ -563,10 +563,10 @@ def rollout(
 ) -> Rollout:
     """Steps many simulations of one world on threads of the C++ core; each bit-equal to stepping it alone.
 
-    states: where each starts, simulations x (num_q + num_v); activations start at 0. controls: simulations x steps x
-    num_controls or None (then num_steps says how many). threads: 0 for as many as the machine has. settings: of all;
-    None: the defaults. A simulation that leaves the range of finite numbers fills the rest of its states with NaN and
-    counts as unsolved.
+    states: where each starts, simulations x (num_q + num_v), as a step takes it; activations start at 0. controls:
+    simulations x steps x num_controls or None (then num_steps says how many). threads: 0 for as many as the machine
+    has. settings: of all; None: the defaults. A simulation that leaves the range of finite numbers fills the rest of
+    its states with NaN and counts as unsolved.
 
     Raises InvalidInputError naming the field, its value and what is allowed.
     """

@@ -445,14 +445,13 @@ const Vector& Simulator::rehearse(const ConstVectorRef& q, const ConstVectorRef&
 
 void Simulator::step() {
   Impl& s = *impl_;
-  require_finite("q", s.q);
   require_finite("v", s.v);
   require(std::isfinite(s.time), "time", s.time, "finite");
   require_finite("control", s.control);
   require_finite("activation", s.activation);
   require_finite("applied_force", s.applied);
   require_finite("external_wrench", Eigen::Map<const Vector>(s.wrench.data(), s.wrench.size()));
-  if (!s.world->normalize(s.q)) throw InvalidInput("q", "has a quaternion of length 0");
+  s.world->normalize(s.q, "q");
 
   s.step_q = s.q, s.step_v = s.v;
 

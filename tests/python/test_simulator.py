@@ -182,13 +182,50 @@ def test_rollout_is_bit_equal_to_stepping_one_by_one(tumble, threads):
         assert result.unsolved[i] == simulator.report.unsolved
 
 
+def starts(world, count):
+    return np.hstack([np.tile(world.initial_q, (count, 1)), np.zeros((count, world.num_v))])
+
+
 def test_a_rollout_that_explodes_does_not_stop_the_others(tumble):
-    start = np.hstack([np.tile(tumble.initial_q, (2, 1)), np.zeros((2, tumble.num_v))])
-    start[0, tumble.num_q] = math.nan
-    result = rollout(tumble, start, num_steps=3)
-    assert np.isnan(result.states[0]).all()
-    assert result.unsolved[0] == 3
+    start = starts(tumble, 2)
+    speed = tumble.num_q + tumble.v_slice("box0").start
+    start[0, speed : speed + 6] = 1e100 / 6.0 * np.arange(1, 7)  # what a step takes, and what it leads to is more
+    result = rollout(tumble, start, num_steps=4)
+    gone = np.isnan(result.states[0]).all(axis=1)
+    assert gone[-1]
+    assert result.unsolved[0] == gone.sum()
+    assert np.isfinite(result.states[0, ~gone]).all()
     assert np.isfinite(result.states[1]).all()
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -1e101])
+@pytest.mark.parametrize(("field", "at"), [("q", 0), ("q", 6), ("v", 2)])
+def test_a_rollout_refuses_where_no_step_can_start(tumble, field, at, value):
+    start = starts(tumble, 3)
+    start[1, at + (tumble.num_q if field == "v" else 0)] = value
+    with pytest.raises(InvalidInputError, match=rf"^states\[1\]\.{field}\[{at}\]: is (nan|inf|-1e\+101), must"):
+        rollout(tumble, start, num_steps=3)
+
+
+def test_a_rollout_refuses_quaternions_of_length_0_and_takes_others(tumble):
+    start = starts(tumble, 3)
+    quaternion = tumble.q_slice("box3").start + 3
+    start[1, quaternion : quaternion + 4] = 0.0, 0.0, 0.0, 2.0  # a step makes it one of length 1
+    rollout(tumble, start, num_steps=1)
+    start[2, quaternion : quaternion + 4] = 0.0
+    with pytest.raises(InvalidInputError, match=r"^states\[2\]\.q: .*quaternion of length 0 \(joint 'box3'\)"):
+        rollout(tumble, start, num_steps=1)
+    simulator = Simulator(tumble)
+    simulator.state.q[quaternion : quaternion + 4] = 0.0
+    with pytest.raises(InvalidInputError, match=r"^q: .*quaternion of length 0 \(joint 'box3'\)"):
+        simulator.step()
+
+
+def test_a_rollout_refuses_controls_that_are_not_finite(tumble):
+    controls = np.zeros((3, 4, 1))
+    controls[2, 1, 0] = math.nan
+    with pytest.raises(InvalidInputError, match=r"^controls\[2, 1, 0\]: is nan"):
+        rollout(tumble, starts(tumble, 3), controls)
 
 
 def test_a_box_at_rest_stays_on_its_corners_without_a_margin():

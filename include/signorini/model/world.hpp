@@ -169,8 +169,9 @@ class World {
 
   /// q advanced along v for a time step, on the manifold of configurations.
   void integrate(const ConstVectorRef& q, const ConstVectorRef& v, double time_step, VectorRef q_next) const;
-  /// q with its quaternions made unit; false when one is zero or anything is not finite.
-  bool normalize(VectorRef q) const;
+  /// q with its quaternions made unit. Raises InvalidInput for `field` when one is zero or a value is not finite, and
+  /// leaves q.
+  void normalize(VectorRef q, const char* field) const;
 
   const Impl& impl() const { return *impl_; }
 

@@ -107,6 +107,28 @@ BOOST_AUTO_TEST_CASE(threads_do_not_change_a_rollout) {
   BOOST_TEST((Eigen::Map<const Vector>(last, world->num_q()) == alone.q()));
 }
 
+BOOST_AUTO_TEST_CASE(a_rollout_refuses_where_no_step_can_start) {
+  const auto world = busy_world();
+  const Index nq = world->num_q(), size = nq + world->num_v();
+  std::vector<double> initial(static_cast<std::size_t>(2 * size), 0.0), states(initial.size());
+  std::vector<std::int64_t> unsolved(2);
+  for (Index i = 0; i < 2; ++i)
+    std::copy(world->initial_q().data(), world->initial_q().data() + nq, initial.begin() + i * size);
+  const auto refusal = [&](Index at, double value) {
+    std::vector<double> start = initial;
+    start[static_cast<std::size_t>(at)] = value;
+    try {
+      rollout(world, {}, start.data(), nullptr, 2, {}, states.data(), unsolved.data());
+    } catch (const InvalidInput& error) {
+      return error.field();
+    }
+    return std::string();
+  };
+  BOOST_TEST(refusal(0, 0.0) == "");
+  BOOST_TEST(refusal(1, std::numeric_limits<double>::quiet_NaN()) == "states[0].q[1]");
+  BOOST_TEST(refusal(size + nq, kInfinity) == "states[1].v[0]");
+}
+
 BOOST_AUTO_TEST_CASE(a_state_that_is_not_finite_is_refused_and_left_alone) {
   Simulator simulator(busy_world());
   simulator.step();
