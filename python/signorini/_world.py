@@ -314,8 +314,9 @@ class WorldBuilder:
         """Adds a body and the joints (from the parent outwards; none: fixed) that it hangs on; returns its name.
 
         position [m], orientation: in the parent body, joints at reference. mass [kg], center: of mass, in the body
-        [m]; inertia: 3 x 3 about the centre of mass, axes of the body [kg m^2]. gravity_compensation: share of its
-        weight that something else carries.
+        [m]; inertia: 3 x 3 about the centre of mass, axes of the body [kg m^2], one that a body can have: no principal
+        moment is negative or larger than the sum of the other two (by more than 0.1 %). gravity_compensation: share of
+        its weight that something else carries.
         """
         field = f"body {name!r}"
         body = _simulator.Body()

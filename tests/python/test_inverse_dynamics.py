@@ -229,7 +229,8 @@ def test_a_turn_of_more_than_a_radian_in_a_step_is_refused():
 
 def random_inertia(rng):
     a = rng.normal(size=(3, 3))
-    return 0.02 * (a @ a.T + np.eye(3))
+    spread = 0.02 * (a @ a.T + np.eye(3))  # of the mass, about its centre
+    return np.trace(spread) * np.eye(3) - spread
 
 
 def arm(seed, root=False, *, friction=True, springs=True, actuators=False, num_bodies=5):

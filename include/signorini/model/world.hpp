@@ -57,6 +57,11 @@ struct Body {
   Placement in_frame;  ///< of the body frame in `frame`
 };
 
+/// Why no body can have this mass [kg] and this symmetric inertia about its centre of mass [kg m^2]; "" when one can. A
+/// point mass, a thin rod and a frame without mass are bodies. Principal moments may miss the triangle inequality by a
+/// thousandth: files are written with few digits.
+std::string inertia_fault(double mass, const Matrix3& inertia);
+
 struct Geometry {
   std::string name;
   int body = 0;
