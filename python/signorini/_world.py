@@ -138,12 +138,18 @@ class Joint:
     spring_reference: float = 0.0
 
 
-def suggest(field: str, name: str, known: Iterable[str]) -> InvalidInputError:
-    """An error for a name that does not exist, with the nearest that do."""
+def suggest(name: str, known: Iterable[str]) -> str:
+    """The end of an error about a name that does not exist: the nearest that do."""
     names = list(known)
     near = difflib.get_close_matches(name, names, n=3) or names[:3]
-    some = ", ".join(repr(n) for n in near)
-    return InvalidInputError(f"{field}: there is no {name!r}" + (f"; did you mean {some}?" if near else ""))
+    return f"; did you mean {', '.join(map(repr, near))}?" if near else ""
+
+
+def index_of(field: str, name: str, known: Sequence[str] | Mapping[str, int]) -> int:
+    """Index of a name in a list, or by a dictionary."""
+    if _arrays.text(field, name) not in known:
+        raise InvalidInputError(f"{field}: there is no {name!r}{suggest(name, known)}")
+    return known[name] if isinstance(known, Mapping) else known.index(name)
 
 
 def _vector(value: ArrayLike, size: int, field: str) -> Array:
@@ -282,21 +288,15 @@ class WorldBuilder:
 
     def body_index(self, name: str, field: str = "body") -> int:
         """Index of a body; 0 is the world. An error calls it `field`."""
-        if name not in self._body_index:
-            raise suggest(field, name, self._body_index)
-        return self._body_index[name]
+        return index_of(field, name, self._body_index)
 
     def joint_index(self, name: str, field: str = "joint") -> int:
         """Index of a joint, in the order they were added. An error calls it `field`."""
-        if name not in self._joint_index:
-            raise suggest(field, name, self._joint_index)
-        return self._joint_index[name]
+        return index_of(field, name, self._joint_index)
 
     def tendon_index(self, name: str, field: str = "tendon") -> int:
         """Index of a tendon, in the order they were added. An error calls it `field`."""
-        if name not in self._tendon_index:
-            raise suggest(field, name, self._tendon_index)
-        return self._tendon_index[name]
+        return index_of(field, name, self._tendon_index)
 
     def add_body(
         self,
@@ -765,21 +765,21 @@ class World:
     def actuator_names(self) -> tuple[str, ...]:
         return tuple(actuator.name for actuator in self.actuators)
 
-    def body_index(self, name: str) -> int:
-        """Index in bodies."""
-        return self._index("body", name, self.body_names)
+    def body_index(self, name: str, field: str = "body") -> int:
+        """Index in bodies. An error calls it `field`."""
+        return index_of(field, name, self.body_names)
 
     def geometry_index(self, name: str) -> int:
         """Index in geometries."""
-        return self._index("geometry", name, self.geometry_names)
+        return index_of("geometry", name, self.geometry_names)
 
     def actuator_index(self, name: str) -> int:
         """Index in actuators, and of its value in Simulator.control."""
-        return self._index("actuator", name, self.actuator_names)
+        return index_of("actuator", name, self.actuator_names)
 
     def joint(self, name: str) -> Any:
         """The joint of that name."""
-        return self.joints[self._index("joint", name, self.joint_names)]
+        return self.joints[index_of("joint", name, self.joint_names)]
 
     def jacobian(self, q: ArrayLike, body: str, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         """(6, num_v): J v is the velocity of a point of a body [m/s], then its angular velocity [rad/s], world axes.
