@@ -172,7 +172,7 @@ class InverseDynamics:
             if has.dtype != np.bool_ or has.shape != (world.num_v,):
                 raise InvalidInputError(f"actuated: has shape {has.shape} {has.dtype}, must be ({world.num_v},) bool")
             given.actuated = [int(one) for one in has]
-        given.closest = bool(closest)
+        given.closest = _arrays.flag("closest", closest)
         out = self._core.solve(given, simulator)
         force = out.force
         missing = {}
@@ -309,7 +309,7 @@ def _wrenches(world: World, given: Mapping[str, ArrayLike]) -> Array:
         values = _arrays.vector(f"external_wrench[{body!r}]", wrench, 6)
         if not (np.abs(values) <= 1e100).all():
             raise InvalidInputError(f"external_wrench[{body!r}]: is {values.tolist()}, must be within +-1e100")
-        index = world.body_index(body)
+        index = world.body_index(body, "external_wrench[body]")
         if index == 0:
             raise InvalidInputError(f"external_wrench[{body!r}]: is on the world, must be on what can move")
         all_of_them[:, index] = values
@@ -320,10 +320,10 @@ def _guess(points: Sequence[Contact], given: Any, time_step: float) -> tuple[Arr
     """Impulses of forces and of moments."""
     if isinstance(given, Sequence) and given and all(isinstance(one, Contact) for one in given):
         return _guess_from_contacts(list(points), given, time_step)
-    array = np.asarray(given)
-    if array.shape == (len(points), 3):
-        array = array.ravel()
-    return _arrays.vector("impulse_guess", array, 3 * len(points)), np.zeros(0)
+    array = _arrays.numbers("impulse_guess", given)
+    if array.shape not in ((len(points), 3), (3 * len(points),)):
+        raise InvalidInputError(f"impulse_guess: has shape {array.shape}, must be ({len(points)}, 3)")
+    return array.ravel(), np.zeros(0)
 
 
 def _guess_from_contacts(points: list[Contact], given: Sequence[Contact], time_step: float) -> tuple[Array, Array]:

@@ -282,10 +282,7 @@ class State:
 
 
 def _fill(field: str, target: Array, value: ArrayLike) -> None:
-    array = _arrays.numbers(field, value)
-    if array.shape not in (target.shape, ()):
-        raise InvalidInputError(f"{field}: has shape {array.shape}, must be {target.shape}")
-    target[:] = array
+    target[:] = _arrays.finite(field, value, target.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -376,8 +373,7 @@ class Simulator:
         if body == WORLD:
             raise InvalidInputError('body: is "world", which does not move')
         row = self._external_wrench[self.world.body_index(body)]
-        _fill("force", row[:3], force)
-        _fill("moment", row[3:], moment)
+        row[:3], row[3:] = _arrays.finite("force", force, (3,)), _arrays.finite("moment", moment, (3,))
 
     def step(self, num_steps: int = 1) -> None:
         """Makes num_steps time steps.
@@ -459,7 +455,8 @@ class Simulator:
 
     def contact_force(self, body_a: str, body_b: str) -> Array:
         """Total contact force of body_a on body_b in the last step, world axes [N], (3,)."""
-        return np.array(self._core.contact_force(self.world.body_index(body_a), self.world.body_index(body_b)))
+        a, b = self.world.body_index(body_a, "body_a"), self.world.body_index(body_b, "body_b")
+        return np.array(self._core.contact_force(a, b))
 
     @property
     def energy(self) -> Energy:

@@ -244,7 +244,7 @@ def _core_shape(shape: Shape) -> Any:
 def _core_joint(joint: Joint) -> Any:
     core = _simulator.Joint()
     field = f"joint {joint.name!r}"
-    core.name = joint.name
+    core.name = _arrays.text("joint.name", joint.name)
     if joint.type not in ("free", "ball", "revolute", "prismatic"):
         raise InvalidInputError(f"{field}.type: is {joint.type!r}, must be free, ball, revolute or prismatic")
     core.type = getattr(_simulator.JointType, joint.type)
@@ -320,7 +320,7 @@ class WorldBuilder:
         """
         field = f"body {name!r}"
         body = _simulator.Body()
-        body.name = name
+        body.name = _arrays.text("body.name", name)
         body.parent = self.body_index(parent, f"{field}.parent")
         body.placement = _placement(position, orientation, field)
         body.mass = _arrays.number(f"{field}.mass", mass)
@@ -330,6 +330,8 @@ class WorldBuilder:
             raise InvalidInputError(f"{field}.inertia: has shape {matrix.shape}, must be 3 x 3")
         body.inertia = matrix
         body.gravity_compensation = _arrays.number(f"{field}.gravity_compensation", gravity_compensation)
+        if not isinstance(joints, Sequence) or not all(isinstance(joint, Joint) for joint in joints):
+            raise InvalidInputError(f"{field}.joints: is {joints!r}, must be a list of signorini.Joint")
         body.joints = [_core_joint(joint) for joint in joints]
         self._body_index[name] = self._core.add_body(body)
         for joint in joints:
@@ -356,11 +358,11 @@ class WorldBuilder:
         """
         field = f"geometry {name!r}" if name else f"geometry of body {body!r}"
         geometry = _simulator.Geometry()
-        geometry.name = name
+        geometry.name = _arrays.text("geometry.name", name)
         geometry.body = self.body_index(body, f"{field}.body")
         geometry.shape = _core_shape(shape)
         geometry.placement = _placement(position, orientation, field)
-        geometry.material = _core_material(material or Material())
+        geometry.material = _core_material(Material() if material is None else material)
         geometry.group = _arrays.count(f"{field}.group", group, 0, bits=32)
         geometry.mask = _arrays.count(f"{field}.mask", mask, 0, bits=32)
         return int(self._core.add_geometry(geometry))
@@ -436,9 +438,11 @@ class WorldBuilder:
         """
         field = f"tendon {name!r}"
         tendon = _simulator.Tendon()
-        tendon.name = name
+        tendon.name = _arrays.text("tendon.name", name)
+        if not isinstance(joints, Mapping):
+            raise InvalidInputError(f"{field}.joints: is {joints!r}, must be coefficients by joint, a dict")
         tendon.terms = [
-            (self.joint_index(joint, field), _arrays.number(f"{field}.joints[{joint!r}]", c))
+            (self.joint_index(joint, f"{field}.joints"), _arrays.number(f"{field}.joints[{joint!r}]", c))
             for joint, c in joints.items()
         ]
         for key, value in (
@@ -457,7 +461,7 @@ class WorldBuilder:
     def _constraint(self, kind: str, name: str, stiffness: float, damping: float) -> Any:
         constraint = _simulator.EqualityConstraint()
         constraint.type = getattr(_simulator.ConstraintType, kind)
-        constraint.name = name
+        constraint.name = _arrays.text(f"{kind}.name", name)
         constraint.stiffness = _arrays.number(f"{kind} {name!r}.stiffness", stiffness)
         constraint.damping = _arrays.number(f"{kind} {name!r}.damping", damping)
         return constraint
@@ -582,7 +586,7 @@ class WorldBuilder:
         """
         field = f"actuator {name!r}"
         actuator = _simulator.Actuator()
-        actuator.name, actuator.gear = name, _arrays.number(f"{field}.gear", gear)
+        actuator.name, actuator.gear = _arrays.text("actuator.name", name), _arrays.number(f"{field}.gear", gear)
         if joint is not None:
             actuator.joint = self.joint_index(joint, f"{field}.joint")
             actuator.component = _arrays.count(f"{field}.component", component)
@@ -797,12 +801,6 @@ class World:
         """Where a joint's values are in v."""
         j = self.joint(joint)
         return slice(j.v_index, j.v_index + j.num_v)
-
-    @staticmethod
-    def _index(field: str, name: str, names: tuple[str, ...]) -> int:
-        if name not in names:
-            raise suggest(field, name, names)
-        return names.index(name)
 
     @property
     def gravity(self) -> Array:

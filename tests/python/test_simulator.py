@@ -543,6 +543,72 @@ def test_a_world_crosses_to_pinocchio():
     assert other.state.v == pytest.approx(simulator.state.v, rel=1e-12)
 
 
+def test_bodies_whose_mass_is_in_few_places_are_taken():
+    builder = WorldBuilder()
+    for k, moments in enumerate([(0, 0, 0), (0, 1, 1), (1, 1, 2), (1, 1, 2.001), (1e-16, 1e-16, 1e-15)]):
+        builder.add_body(f"b{k}", mass=1.0, inertia=np.diag(moments))
+    builder.add_body("frame")
+
+
+@pytest.mark.parametrize(
+    ("act", "message"),
+    [
+        (lambda b: b.add_body(3), "body.name: is 3, must be a string"),
+        (lambda b: b.add_body("b", parent=3), r"body 'b'.parent: is 3, must be a string"),
+        (lambda b: b.add_body("b", joints=Joint), "body 'b'.joints: is <class .*Joint'>, must be a list of"),
+        (lambda b: b.add_body("b", joints=Joint("k")), r"body 'b'.joints: is Joint\(name='k'"),
+        (lambda b: b.add_body("b", joints=["k"]), r"body 'b'.joints: is \['k'\]"),
+        (lambda b: b.add_body("b", joints=[Joint(3)]), "joint.name: is 3"),
+        (lambda b: b.add_geometry("a", Sphere(0.1), name=3), "geometry.name: is 3"),
+        (lambda b: b.add_geometry("a", Sphere(0.1), material=0), "material: is a int"),
+        (lambda b: b.add_tendon("t", {"jj": 1.0}), r"tendon 't'.joints: there is no 'jj'; did you mean 'j'\?"),
+        (lambda b: b.add_tendon("t", ["j"]), r"tendon 't'.joints: is \['j'\]"),
+        (lambda b: b.add_tendon(3, {"j": 1.0}), "tendon.name: is 3"),
+        (lambda b: b.add_weld("a", "world", name=3), "weld.name: is 3"),
+        (lambda b: b.add_motor(3, "j"), "actuator.name: is 3"),
+        (lambda b: b.add_motor("m", ["j"]), r"actuator 'm'.joint: is \['j'\], must be a string"),
+    ],
+)
+def test_names_and_lists_of_another_type(act, message):
+    with pytest.raises(InvalidInputError, match=message):
+        act(small_builder())
+
+
+def test_an_external_wrench_is_refused_at_once(tumble):
+    simulator = Simulator(tumble)
+    simulator.set_external_wrench("box1", (1.0, 2.0, 3.0))
+    for field in ("force", "moment"):
+        for value in (math.nan, math.inf, -1e101):
+            with pytest.raises(InvalidInputError, match=rf"^{field}\[1\]: is (nan|inf|-1e\+101), must be"):
+                simulator.set_external_wrench("box1", **{"force": (9.0, 9.0, 9.0), field: (0.0, value, 0.0)})
+    assert simulator._external_wrench[tumble.body_index("box1")].tolist() == [1.0, 2.0, 3.0, 0.0, 0.0, 0.0]
+
+
+def test_what_is_set_whole_is_refused_at_once(tumble):
+    simulator = Simulator(tumble)
+    for field, target in (
+        *(("q", simulator.state), ("v", simulator.state), ("activation", simulator.state)),
+        *(("control", simulator), ("applied_force", simulator)),
+    ):
+        before = getattr(target, field).copy()
+        for value in (math.nan, math.inf, 1e101):
+            given = before.copy()
+            given[-1] = value
+            with pytest.raises(InvalidInputError, match=rf"^{field}\[{len(before) - 1}\]: is "):
+                setattr(target, field, given)
+            with pytest.raises(InvalidInputError, match=rf"^{field}: is "):
+                setattr(target, field, value)
+        assert (getattr(target, field) == before).all()
+
+
+def test_a_contact_force_names_the_body_that_is_not_there(tumble):
+    simulator = Simulator(tumble)
+    with pytest.raises(InvalidInputError, match="^body_a: there is no 'bx1'; did you mean 'box1'"):
+        simulator.contact_force("bx1", "box2")
+    with pytest.raises(InvalidInputError, match="^body_b: there is no 'bx2'; did you mean 'box2'"):
+        simulator.contact_force("box1", "bx2")
+
+
 def test_settings_are_plain_data(tumble):
     settings = SimulatorSettings(time_step=2e-3)
     assert Simulator(tumble, settings, tolerance=1e-8).settings == SimulatorSettings(time_step=2e-3, tolerance=1e-8)
