@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from signorini import _arrays, _core, _simulator
 from signorini._core import InvalidInputError
-from signorini._simulation import Contact, ContactList, Simulator, SimulatorSettings, State
+from signorini._simulation import Contact, ContactList, Simulator, SimulatorSettings, State, checked
 from signorini._solve import LawName, _choice
 from signorini._world import Array, World
 
@@ -86,11 +86,7 @@ class InverseDynamics:
         max_iterations: int = 100,
     ) -> None:
         """The arguments are those of inverse_dynamics; dt and law: None for those of settings."""
-        if not isinstance(world, World):
-            raise InvalidInputError(f"world: is a {type(world).__name__}, must be a signorini.World")
-        if settings is not None and not isinstance(settings, SimulatorSettings):
-            raise InvalidInputError(f"settings: is a {type(settings).__name__}, must be a SimulatorSettings, or None")
-        step = settings or SimulatorSettings()
+        step = checked(world, settings)
         if dt is not None:
             step = replace(step, time_step=_arrays.number("dt", dt))
             if not 1e-6 <= step.time_step <= 0.1:

@@ -121,6 +121,15 @@ class Contact:
     id: int
 
 
+def checked(world: Any, settings: Any) -> SimulatorSettings:
+    """The settings, or the defaults. Raises InvalidInputError when one of the two is something else."""
+    if not isinstance(world, World):
+        raise InvalidInputError(f"world: is a {type(world).__name__}, must be a signorini.World")
+    if settings is not None and not isinstance(settings, SimulatorSettings):
+        raise InvalidInputError(f"settings: is a {type(settings).__name__}, must be a SimulatorSettings, or None")
+    return settings or SimulatorSettings()
+
+
 class ContactList(Sequence[Contact]):
     """Contact points of a step: a sequence of Contact, and columns over all n of them, which are far faster to read.
 
@@ -323,10 +332,9 @@ class Simulator:
 
         Raises InvalidInputError naming the field, its value and what is allowed.
         """
-        if not isinstance(world, World):
-            raise InvalidInputError(f"world: is a {type(world).__name__}, must be a signorini.World")
+        given = checked(world, settings)
         try:
-            self.settings = replace(settings or SimulatorSettings(), **changes)
+            self.settings = replace(given, **changes)
         except TypeError:
             known = ", ".join(SimulatorSettings.__dataclass_fields__)
             raise InvalidInputError(f"settings: {', '.join(changes)}: must be among {known}") from None
@@ -402,9 +410,12 @@ class Simulator:
         keep_states: fill Trace.states. Raises as step() does, and for controls of another shape.
         """
         count = _arrays.count("num_steps", num_steps, 0)
+        _arrays.flag("keep_states", keep_states)
         if controller is not None:
             if controls is not None:
                 raise InvalidInputError("controls: are given, must be None where there is a controller")
+            if not callable(controller):
+                raise InvalidInputError(f"controller: is a {type(controller).__name__}, must be a function, or None")
             return self._run_controlled(count, controller, keep_states)
         given = np.zeros((0, 0)) if controls is None else _arrays.numbers("controls", controls)
         if given.ndim != 2:
@@ -567,6 +578,7 @@ def rollout(
 
     Raises InvalidInputError naming the field, its value and what is allowed.
     """
+    its_settings = checked(world, settings)
     start = _arrays.numbers("states", states)
     width = world.num_q + world.num_v
     if start.ndim != 2 or start.shape[1] != width:
@@ -587,7 +599,7 @@ def rollout(
             raise InvalidInputError(f"num_steps: is {num_steps}, must be the {steps} of the controls, or None")
     out, unsolved = _simulator.rollout(
         world._core,
-        (settings or SimulatorSettings())._to_core(),
+        its_settings._to_core(),
         start,
         given,
         steps,

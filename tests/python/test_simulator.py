@@ -14,6 +14,7 @@ from signorini import (
     Capsule,
     Convex,
     InvalidInputError,
+    InverseDynamics,
     Joint,
     Material,
     Simulator,
@@ -607,6 +608,25 @@ def test_a_contact_force_names_the_body_that_is_not_there(tumble):
         simulator.contact_force("bx1", "box2")
     with pytest.raises(InvalidInputError, match="^body_b: there is no 'bx2'; did you mean 'box2'"):
         simulator.contact_force("box1", "bx2")
+
+
+def test_worlds_settings_and_flags_of_another_type(tumble):
+    start = starts(tumble, 1)
+    for call in (Simulator, lambda world: rollout(world, start, num_steps=1), lambda world: InverseDynamics(world)):
+        with pytest.raises(InvalidInputError, match="^world: is a int, must be a signorini.World"):
+            call(3)
+    for call in (
+        lambda settings: Simulator(tumble, settings),
+        lambda settings: rollout(tumble, start, num_steps=1, settings=settings),
+        lambda settings: InverseDynamics(tumble, settings=settings),
+    ):
+        for wrong, kind in ({"time_step": 1e-3}, "dict"), (0, "int"):
+            with pytest.raises(InvalidInputError, match=f"^settings: is a {kind}, must be a SimulatorSettings"):
+                call(wrong)
+    with pytest.raises(InvalidInputError, match="^keep_states: is 'no', must be True or False"):
+        Simulator(tumble).run(1, keep_states="no")
+    with pytest.raises(InvalidInputError, match="^controller: is a int, must be"):
+        Simulator(tumble).run(1, controller=3)
 
 
 def test_settings_are_plain_data(tumble):
