@@ -212,6 +212,7 @@ void bind_model(nb::module_& m) {
       .def_rw("joints", &Body::joints)
       .def_ro("frame", &Body::frame)
       .def_ro("in_frame", &Body::in_frame);
+  m.def("inertia_fault", &inertia_fault);
   nb::class_<Geometry>(m, "Geometry")
       .def(nb::init<>())
       .def_rw("name", &Geometry::name)

@@ -112,6 +112,32 @@ def number(field: str, value: Any) -> float:
         raise InvalidInputError(f"{field}: is {value!r}, must be a finite number") from None
 
 
+def finite(field: str, value: Any, shape: tuple[int, ...]) -> Array:
+    """value as a float64 array of this shape, or as a number for all of its entries; none larger than a step takes."""
+    array = numbers(field, value)
+    if array.shape not in (shape, ()):
+        raise InvalidInputError(f"{field}: has shape {array.shape}, must be {shape}")
+    small = np.abs(array) <= 1e100
+    if not small.all():
+        at = np.unravel_index(int(np.argmin(small)), array.shape)
+        place = f"[{', '.join(map(str, at))}]" if at else ""
+        raise InvalidInputError(f"{field}{place}: is {array[at]}, must be within +-1e100")
+    return array
+
+
+def flag(field: str, value: Any) -> bool:
+    """value as a bool; nothing else is one, as "no" would be true."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise InvalidInputError(f"{field}: is {value!r}, must be True or False")
+    return bool(value)
+
+
+def text(field: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise InvalidInputError(f"{field}: is {value!r}, must be a string")
+    return value
+
+
 def count(field: str, value: Any, lowest: int = -(2**31), bits: int = 31) -> int:
     """value as an int in [lowest, 2^bits); without these, of 32 bits, and the core knows the range."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):

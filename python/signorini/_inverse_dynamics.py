@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from signorini import _arrays, _core, _simulator
 from signorini._core import InvalidInputError
-from signorini._simulation import Contact, ContactList, Simulator, SimulatorSettings, State
+from signorini._simulation import Contact, ContactList, Simulator, SimulatorSettings, State, checked
 from signorini._solve import LawName, _choice
 from signorini._world import Array, World
 
@@ -88,11 +88,7 @@ class InverseDynamics:
         max_iterations: int = 100,
     ) -> None:
         """The arguments are those of inverse_dynamics; dt and law: None for those of settings."""
-        if not isinstance(world, World):
-            raise InvalidInputError(f"world: is a {type(world).__name__}, must be a signorini.World")
-        if settings is not None and not isinstance(settings, SimulatorSettings):
-            raise InvalidInputError(f"settings: is a {type(settings).__name__}, must be a SimulatorSettings, or None")
-        step = settings or SimulatorSettings()
+        step = checked(world, settings)
         if dt is not None:
             step = replace(step, time_step=_arrays.number("dt", dt))
             if not 1e-6 <= step.time_step <= 0.1:
@@ -174,7 +170,7 @@ class InverseDynamics:
             if has.dtype != np.bool_ or has.shape != (world.num_v,):
                 raise InvalidInputError(f"actuated: has shape {has.shape} {has.dtype}, must be ({world.num_v},) bool")
             given.actuated = [int(one) for one in has]
-        given.closest = bool(closest)
+        given.closest = _arrays.flag("closest", closest)
         out = self._core.solve(given, simulator)
         force = out.force
         missing = {}
@@ -311,7 +307,7 @@ def _wrenches(world: World, given: Mapping[str, ArrayLike]) -> Array:
         values = _arrays.vector(f"external_wrench[{body!r}]", wrench, 6)
         if not (np.abs(values) <= 1e100).all():
             raise InvalidInputError(f"external_wrench[{body!r}]: is {values.tolist()}, must be within +-1e100")
-        index = world.body_index(body)
+        index = world.body_index(body, "external_wrench[body]")
         if index == 0:
             raise InvalidInputError(f"external_wrench[{body!r}]: is on the world, must be on what can move")
         all_of_them[:, index] = values
@@ -322,10 +318,10 @@ def _guess(points: Sequence[Contact], given: Any, time_step: float) -> tuple[Arr
     """Impulses of forces and of moments."""
     if isinstance(given, Sequence) and given and all(isinstance(one, Contact) for one in given):
         return _guess_from_contacts(list(points), given, time_step)
-    array = np.asarray(given)
-    if array.shape == (len(points), 3):
-        array = array.ravel()
-    return _arrays.vector("impulse_guess", array, 3 * len(points)), np.zeros(0)
+    array = _arrays.numbers("impulse_guess", given)
+    if array.shape not in ((len(points), 3), (3 * len(points),)):
+        raise InvalidInputError(f"impulse_guess: has shape {array.shape}, must be ({len(points)}, 3)")
+    return array.ravel(), np.zeros(0)
 
 
 def _guess_from_contacts(points: list[Contact], given: Sequence[Contact], time_step: float) -> tuple[Array, Array]:

@@ -48,8 +48,8 @@ class SimulatorSettings:
         back less, in proportion.
     max_correction_speed: limit of that [m/s, rad/s].
     restitution_threshold: approach speed below which nothing bounces [m/s].
-    contact_margin: points with a gap up to this are part of the problem [m]; None: 2 mm and 3 m/s times the time step.
-        What may come nearer by more than either in a step is swept (docs/collision.md).
+    contact_margin: points with a gap up to this, or up to 0.1 um, are part of the problem [m]; None: 2 mm and 3 m/s
+        times the time step. What may come nearer by more than either in a step is swept (docs/collision.md).
     """
 
     time_step: float = 1e-3
@@ -119,6 +119,15 @@ class Contact:
     moment_local: Array
     velocity: Array
     id: int
+
+
+def checked(world: Any, settings: Any) -> SimulatorSettings:
+    """The settings, or the defaults. Raises InvalidInputError when one of the two is something else."""
+    if not isinstance(world, World):
+        raise InvalidInputError(f"world: is a {type(world).__name__}, must be a signorini.World")
+    if settings is not None and not isinstance(settings, SimulatorSettings):
+        raise InvalidInputError(f"settings: is a {type(settings).__name__}, must be a SimulatorSettings, or None")
+    return settings or SimulatorSettings()
 
 
 class ContactList(Sequence[Contact]):
@@ -282,10 +291,7 @@ class State:
 
 
 def _fill(field: str, target: Array, value: ArrayLike) -> None:
-    array = _arrays.numbers(field, value)
-    if array.shape not in (target.shape, ()):
-        raise InvalidInputError(f"{field}: has shape {array.shape}, must be {target.shape}")
-    target[:] = array
+    target[:] = _arrays.finite(field, value, target.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,10 +332,9 @@ class Simulator:
 
         Raises InvalidInputError naming the field, its value and what is allowed.
         """
-        if not isinstance(world, World):
-            raise InvalidInputError(f"world: is a {type(world).__name__}, must be a signorini.World")
+        given = checked(world, settings)
         try:
-            self.settings = replace(settings or SimulatorSettings(), **changes)
+            self.settings = replace(given, **changes)
         except TypeError:
             known = ", ".join(SimulatorSettings.__dataclass_fields__)
             raise InvalidInputError(f"settings: {', '.join(changes)}: must be among {known}") from None
@@ -376,8 +381,7 @@ class Simulator:
         if body == WORLD:
             raise InvalidInputError('body: is "world", which does not move')
         row = self._external_wrench[self.world.body_index(body)]
-        _fill("force", row[:3], force)
-        _fill("moment", row[3:], moment)
+        row[:3], row[3:] = _arrays.finite("force", force, (3,)), _arrays.finite("moment", moment, (3,))
 
     def step(self, num_steps: int = 1) -> None:
         """Makes num_steps time steps.
@@ -406,9 +410,12 @@ class Simulator:
         keep_states: fill Trace.states. Raises as step() does, and for controls of another shape.
         """
         count = _arrays.count("num_steps", num_steps, 0)
+        _arrays.flag("keep_states", keep_states)
         if controller is not None:
             if controls is not None:
                 raise InvalidInputError("controls: are given, must be None where there is a controller")
+            if not callable(controller):
+                raise InvalidInputError(f"controller: is a {type(controller).__name__}, must be a function, or None")
             return self._run_controlled(count, controller, keep_states)
         given = np.zeros((0, 0)) if controls is None else _arrays.numbers("controls", controls)
         if given.ndim != 2:
@@ -459,7 +466,8 @@ class Simulator:
 
     def contact_force(self, body_a: str, body_b: str) -> Array:
         """Total contact force of body_a on body_b in the last step, world axes [N], (3,)."""
-        return np.array(self._core.contact_force(self.world.body_index(body_a), self.world.body_index(body_b)))
+        a, b = self.world.body_index(body_a, "body_a"), self.world.body_index(body_b, "body_b")
+        return np.array(self._core.contact_force(a, b))
 
     @property
     def energy(self) -> Energy:
@@ -531,8 +539,8 @@ class Simulator:
         return bytes(self._core.save())
 
     def restore(self, saved: bytes) -> None:
-        """Goes on from what save() of an equal simulator returned (saved), bit for bit. Other bytes raise
-        InvalidInputError."""
+        """Goes on from what save() of an equal simulator returned (saved), bit for bit. Other bytes, damaged ones too,
+        raise InvalidInputError and leave the simulator as it is."""
         if not isinstance(saved, bytes):
             raise InvalidInputError(f"saved: is a {type(saved).__name__}, must be bytes from save()")
         self._core.restore(saved)
@@ -563,13 +571,14 @@ def rollout(
 ) -> Rollout:
     """Steps many simulations of one world on threads of the C++ core; each bit-equal to stepping it alone.
 
-    states: where each starts, simulations x (num_q + num_v); activations start at 0. controls: simulations x steps x
-    num_controls or None (then num_steps says how many). threads: 0 for as many as the machine has. settings: of all;
-    None: the defaults. A simulation that leaves the range of finite numbers fills the rest of its states with NaN and
-    counts as unsolved.
+    states: where each starts, simulations x (num_q + num_v), as a step takes it; activations start at 0. controls:
+    simulations x steps x num_controls or None (then num_steps says how many). threads: 0 for as many as the machine
+    has. settings: of all; None: the defaults. A simulation that leaves the range of finite numbers fills the rest of
+    its states with NaN and counts as unsolved.
 
     Raises InvalidInputError naming the field, its value and what is allowed.
     """
+    its_settings = checked(world, settings)
     start = _arrays.numbers("states", states)
     width = world.num_q + world.num_v
     if start.ndim != 2 or start.shape[1] != width:
@@ -590,7 +599,7 @@ def rollout(
             raise InvalidInputError(f"num_steps: is {num_steps}, must be the {steps} of the controls, or None")
     out, unsolved = _simulator.rollout(
         world._core,
-        (settings or SimulatorSettings())._to_core(),
+        its_settings._to_core(),
         start,
         given,
         steps,

@@ -138,12 +138,18 @@ class Joint:
     spring_reference: float = 0.0
 
 
-def suggest(field: str, name: str, known: Iterable[str]) -> InvalidInputError:
-    """An error for a name that does not exist, with the nearest that do."""
+def suggest(name: str, known: Iterable[str]) -> str:
+    """The end of an error about a name that does not exist: the nearest that do."""
     names = list(known)
     near = difflib.get_close_matches(name, names, n=3) or names[:3]
-    some = ", ".join(repr(n) for n in near)
-    return InvalidInputError(f"{field}: there is no {name!r}" + (f"; did you mean {some}?" if near else ""))
+    return f"; did you mean {', '.join(map(repr, near))}?" if near else ""
+
+
+def index_of(field: str, name: str, known: Sequence[str] | Mapping[str, int]) -> int:
+    """Index of a name in a list, or by a dictionary."""
+    if _arrays.text(field, name) not in known:
+        raise InvalidInputError(f"{field}: there is no {name!r}{suggest(name, known)}")
+    return known[name] if isinstance(known, Mapping) else known.index(name)
 
 
 def _vector(value: ArrayLike, size: int, field: str) -> Array:
@@ -238,7 +244,7 @@ def _core_shape(shape: Shape) -> Any:
 def _core_joint(joint: Joint) -> Any:
     core = _simulator.Joint()
     field = f"joint {joint.name!r}"
-    core.name = joint.name
+    core.name = _arrays.text("joint.name", joint.name)
     if joint.type not in ("free", "ball", "revolute", "prismatic"):
         raise InvalidInputError(f"{field}.type: is {joint.type!r}, must be free, ball, revolute or prismatic")
     core.type = getattr(_simulator.JointType, joint.type)
@@ -282,21 +288,15 @@ class WorldBuilder:
 
     def body_index(self, name: str, field: str = "body") -> int:
         """Index of a body; 0 is the world. An error calls it `field`."""
-        if name not in self._body_index:
-            raise suggest(field, name, self._body_index)
-        return self._body_index[name]
+        return index_of(field, name, self._body_index)
 
     def joint_index(self, name: str, field: str = "joint") -> int:
         """Index of a joint, in the order they were added. An error calls it `field`."""
-        if name not in self._joint_index:
-            raise suggest(field, name, self._joint_index)
-        return self._joint_index[name]
+        return index_of(field, name, self._joint_index)
 
     def tendon_index(self, name: str, field: str = "tendon") -> int:
         """Index of a tendon, in the order they were added. An error calls it `field`."""
-        if name not in self._tendon_index:
-            raise suggest(field, name, self._tendon_index)
-        return self._tendon_index[name]
+        return index_of(field, name, self._tendon_index)
 
     def add_body(
         self,
@@ -314,12 +314,13 @@ class WorldBuilder:
         """Adds a body and the joints (from the parent outwards; none: fixed) that it hangs on; returns its name.
 
         position [m], orientation: in the parent body, joints at reference. mass [kg], center: of mass, in the body
-        [m]; inertia: 3 x 3 about the centre of mass, axes of the body [kg m^2]. gravity_compensation: share of its
-        weight that something else carries.
+        [m]; inertia: 3 x 3 about the centre of mass, axes of the body [kg m^2], one that a body can have: no principal
+        moment is negative or larger than the sum of the other two (by more than 0.1 %). gravity_compensation: share of
+        its weight that something else carries.
         """
         field = f"body {name!r}"
         body = _simulator.Body()
-        body.name = name
+        body.name = _arrays.text("body.name", name)
         body.parent = self.body_index(parent, f"{field}.parent")
         body.placement = _placement(position, orientation, field)
         body.mass = _arrays.number(f"{field}.mass", mass)
@@ -329,6 +330,8 @@ class WorldBuilder:
             raise InvalidInputError(f"{field}.inertia: has shape {matrix.shape}, must be 3 x 3")
         body.inertia = matrix
         body.gravity_compensation = _arrays.number(f"{field}.gravity_compensation", gravity_compensation)
+        if not isinstance(joints, Sequence) or not all(isinstance(joint, Joint) for joint in joints):
+            raise InvalidInputError(f"{field}.joints: is {joints!r}, must be a list of signorini.Joint")
         body.joints = [_core_joint(joint) for joint in joints]
         self._body_index[name] = self._core.add_body(body)
         for joint in joints:
@@ -355,11 +358,11 @@ class WorldBuilder:
         """
         field = f"geometry {name!r}" if name else f"geometry of body {body!r}"
         geometry = _simulator.Geometry()
-        geometry.name = name
+        geometry.name = _arrays.text("geometry.name", name)
         geometry.body = self.body_index(body, f"{field}.body")
         geometry.shape = _core_shape(shape)
         geometry.placement = _placement(position, orientation, field)
-        geometry.material = _core_material(material or Material())
+        geometry.material = _core_material(Material() if material is None else material)
         geometry.group = _arrays.count(f"{field}.group", group, 0, bits=32)
         geometry.mask = _arrays.count(f"{field}.mask", mask, 0, bits=32)
         return int(self._core.add_geometry(geometry))
@@ -435,9 +438,11 @@ class WorldBuilder:
         """
         field = f"tendon {name!r}"
         tendon = _simulator.Tendon()
-        tendon.name = name
+        tendon.name = _arrays.text("tendon.name", name)
+        if not isinstance(joints, Mapping):
+            raise InvalidInputError(f"{field}.joints: is {joints!r}, must be coefficients by joint, a dict")
         tendon.terms = [
-            (self.joint_index(joint, field), _arrays.number(f"{field}.joints[{joint!r}]", c))
+            (self.joint_index(joint, f"{field}.joints"), _arrays.number(f"{field}.joints[{joint!r}]", c))
             for joint, c in joints.items()
         ]
         for key, value in (
@@ -456,7 +461,7 @@ class WorldBuilder:
     def _constraint(self, kind: str, name: str, stiffness: float, damping: float) -> Any:
         constraint = _simulator.EqualityConstraint()
         constraint.type = getattr(_simulator.ConstraintType, kind)
-        constraint.name = name
+        constraint.name = _arrays.text(f"{kind}.name", name)
         constraint.stiffness = _arrays.number(f"{kind} {name!r}.stiffness", stiffness)
         constraint.damping = _arrays.number(f"{kind} {name!r}.damping", damping)
         return constraint
@@ -581,7 +586,7 @@ class WorldBuilder:
         """
         field = f"actuator {name!r}"
         actuator = _simulator.Actuator()
-        actuator.name, actuator.gear = name, _arrays.number(f"{field}.gear", gear)
+        actuator.name, actuator.gear = _arrays.text("actuator.name", name), _arrays.number(f"{field}.gear", gear)
         if joint is not None:
             actuator.joint = self.joint_index(joint, f"{field}.joint")
             actuator.component = _arrays.count(f"{field}.component", component)
@@ -764,21 +769,21 @@ class World:
     def actuator_names(self) -> tuple[str, ...]:
         return tuple(actuator.name for actuator in self.actuators)
 
-    def body_index(self, name: str) -> int:
-        """Index in bodies."""
-        return self._index("body", name, self.body_names)
+    def body_index(self, name: str, field: str = "body") -> int:
+        """Index in bodies. An error calls it `field`."""
+        return index_of(field, name, self.body_names)
 
     def geometry_index(self, name: str) -> int:
         """Index in geometries."""
-        return self._index("geometry", name, self.geometry_names)
+        return index_of("geometry", name, self.geometry_names)
 
     def actuator_index(self, name: str) -> int:
         """Index in actuators, and of its value in Simulator.control."""
-        return self._index("actuator", name, self.actuator_names)
+        return index_of("actuator", name, self.actuator_names)
 
     def joint(self, name: str) -> Any:
         """The joint of that name."""
-        return self.joints[self._index("joint", name, self.joint_names)]
+        return self.joints[index_of("joint", name, self.joint_names)]
 
     def jacobian(self, q: ArrayLike, body: str, point: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         """(6, num_v): J v is the velocity of a point of a body [m/s], then its angular velocity [rad/s], world axes.
@@ -796,12 +801,6 @@ class World:
         """Where a joint's values are in v."""
         j = self.joint(joint)
         return slice(j.v_index, j.v_index + j.num_v)
-
-    @staticmethod
-    def _index(field: str, name: str, names: tuple[str, ...]) -> int:
-        if name not in names:
-            raise suggest(field, name, names)
-        return names.index(name)
 
     @property
     def gravity(self) -> Array:

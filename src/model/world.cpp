@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "require.hpp"
 #include "world_impl.hpp"
 
 namespace signorini {
@@ -61,16 +62,16 @@ bool World::may_touch(int a, int b) const {
   return !std::binary_search(impl_->excluded.begin(), impl_->excluded.end(), std::make_pair(a, b));
 }
 
-bool World::normalize(VectorRef q) const {
-  bool good = q.allFinite();
-  for (const Joint& joint : impl_->joints) {
-    if (joint.num_q() == 1) continue;
-    auto quaternion = q.segment<4>(joint.q_index + (joint.type == JointType::Free ? 3 : 0));
-    const double norm = quaternion.norm();
-    good = good && norm > 1e-6;
-    if (norm > 1e-6) quaternion /= norm;
-  }
-  return good;
+void World::normalize(VectorRef q, const char* field) const {
+  require_finite(field, q);
+  const auto quaternion = [&q](const Joint& joint) {
+    return q.segment<4>(joint.q_index + (joint.type == JointType::Free ? 3 : 0));
+  };
+  for (const Joint& joint : impl_->joints)
+    if (joint.num_q() > 1 && !(quaternion(joint).norm() > 1e-6))
+      throw InvalidInput(field, "has a quaternion of length 0 (joint '" + joint.name + "')");
+  for (const Joint& joint : impl_->joints)
+    if (joint.num_q() > 1) quaternion(joint).normalize();
 }
 
 void World::integrate(const ConstVectorRef& q, const ConstVectorRef& v, double time_step, VectorRef q_next) const {

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <set>
+#include <sstream>
 
 #include "require.hpp"
 #include "world_impl.hpp"
@@ -69,6 +70,9 @@ void validate(const Joint& joint, const std::string& field) {
   require(std::abs(joint.spring_reference) <= 1e9, name + "spring_reference", joint.spring_reference, "within +-1e9");
 }
 
+constexpr double kTriangle = 1e-3;  // share by which moments may miss the triangle inequality
+constexpr double kPoint = 1e-6;     // [m] moments below mass times its square are rounding
+
 Matrix3 skew(const Vector3& v) {
   Matrix3 m;
   m << 0.0, -v[2], v[1], v[2], 0.0, -v[0], -v[1], v[0], 0.0;
@@ -126,6 +130,18 @@ void find_elimination_tree(World::Impl& w) {
 
 }  // namespace
 
+std::string inertia_fault(double mass, const Matrix3& inertia) {
+  const Vector3 moments = Eigen::SelfAdjointEigenSolver<Matrix3>(inertia, Eigen::EigenvaluesOnly).eigenvalues();
+  const double largest = moments.cwiseAbs().maxCoeff();
+  if (mass == 0.0) return largest > 0.0 ? "the mass is 0 and the inertia is not" : "";
+  if (largest < mass * kPoint * kPoint) return "";
+  std::ostringstream out;
+  out << "the principal moments are " << moments[0] << ", " << moments[1] << ", " << moments[2] << ", ";
+  if (moments[0] < -1e-9 * largest) return out.str() + "none may be negative";
+  if (moments[0] + moments[1] >= moments[2] * (1.0 - kTriangle)) return "";
+  return out.str() + "each must be at most the sum of the other two";
+}
+
 WorldBuilder::WorldBuilder(const Vector3& gravity) : gravity_(gravity) {
   require_finite(gravity, "gravity");
   Body world;
@@ -162,9 +178,9 @@ int WorldBuilder::add_body(Body body) {
   require((body.inertia - body.inertia.transpose()).cwiseAbs().maxCoeff() <= 1e-6 * size, field + ".inertia asymmetry",
           (body.inertia - body.inertia.transpose()).cwiseAbs().maxCoeff(), "0: an inertia is symmetric");
   body.inertia = 0.5 * (body.inertia + body.inertia.transpose()).eval();
-  const double smallest = Eigen::SelfAdjointEigenSolver<Matrix3>(body.inertia, Eigen::EigenvaluesOnly).eigenvalues()[0];
-  require(smallest >= -1e-9 * size, field + ".inertia: smallest principal moment", smallest, ">= 0");
   require(body.mass > 0.0 || size == 0.0, field + ".mass", body.mass, "> 0 where there is an inertia");
+  const std::string fault = inertia_fault(body.mass, body.inertia);
+  if (!fault.empty()) throw InvalidInput(field + ".inertia", fault);
   for (std::size_t k = 0; k < body.joints.size(); ++k) {
     Joint& joint = body.joints[k];
     validate(joint, field);

@@ -3,10 +3,11 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <limits>
 #include <thread>
 
-#include "signorini/errors.hpp"
+#include "require.hpp"
 
 namespace signorini {
 
@@ -51,6 +52,19 @@ void rollout(const std::shared_ptr<const World>& world, const SimulatorSettings&
     throw InvalidInput("threads", "is " + std::to_string(options.num_threads) + ", must be at least 0");
   const Index nq = world->num_q(), nv = world->num_v(), nu = world->num_controls(), width = nq + nv;
   std::atomic<Index> next{0};
+  for (Index i = 0; i < num; ++i) {
+    const std::string row = "states[" + std::to_string(i) + "].";
+    Vector q = Eigen::Map<const Vector>(initial + i * width, nq);
+    world->normalize(q, (row + "q").c_str());
+    require_finite((row + "v").c_str(), Eigen::Map<const Vector>(initial + i * width + nq, nv));
+  }
+  for (Index k = 0; controls && k < num * options.num_steps * nu; ++k)
+    if (!(std::abs(controls[k]) <= 1e100)) {
+      const Index step = k / nu;
+      const auto place = "controls[" + std::to_string(step / options.num_steps) + ", " +
+                         std::to_string(step % options.num_steps) + ", " + std::to_string(k % nu) + "]";
+      require(false, place, controls[k], "within +-1e100");
+    }
   const auto work = [&] {
     Simulator simulator(world, settings);
     for (Index i = next++; i < num; i = next++) {

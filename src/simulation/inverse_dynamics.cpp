@@ -151,7 +151,7 @@ void InverseDynamics::set_configuration(const ConstVectorRef& q, const std::vect
   s.detected_at.resize(0);
   s.swept = false;
   s.q = q;
-  if (!s.world->normalize(s.q)) throw InvalidInput("q", "has a quaternion of length 0");
+  s.world->normalize(s.q, "q");
   s.dynamics.update_placements(s.q);
   s.points = points;
   s.forget();  // contacts() and worst() are of these points

@@ -9,6 +9,7 @@
 #include "contact_report.hpp"
 #include "forces.hpp"
 #include "frame_motions.hpp"
+#include "hash.hpp"
 #include "integration.hpp"
 #include "require.hpp"
 #include "world_collision.hpp"
@@ -19,8 +20,8 @@ namespace {
 constexpr int kLoadRounds = 50;    // of the CCP, until loads fit
 constexpr int kMostMeetings = 10;  // rounds of sweeps for fast bodies; in the last one all that meets counts
 
-// Bytes of save(): a tag, then values one after the other.
-constexpr char kTag[] = "signorini state 4";
+// Bytes of save(): a tag, values one after the other, the hash of all that.
+constexpr char kTag[] = "signorini state 5";
 
 class Writer {
  public:
@@ -70,6 +71,14 @@ class Reader {
     std::string x(static_cast<std::size_t>(size), '\0');
     raw(x.data(), x.size());
     return x;
+  }
+  /// The last value is the hash of those before.
+  void check() const {
+    std::uint64_t hash;
+    if (bytes_.size() < sizeof hash) fail("ends too early");
+    const std::size_t before = bytes_.size() - sizeof hash;
+    std::memcpy(&hash, bytes_.data() + before, sizeof hash);
+    if (hash != fnv1a(bytes_.data(), before)) fail("is damaged: its checksum is not what save() gave");
   }
   void end() {
     if (at_ != bytes_.size()) fail("has something after its end");
@@ -437,14 +446,13 @@ const Vector& Simulator::rehearse(const ConstVectorRef& q, const ConstVectorRef&
 
 void Simulator::step() {
   Impl& s = *impl_;
-  require_finite("q", s.q);
   require_finite("v", s.v);
   require(std::isfinite(s.time), "time", s.time, "finite");
   require_finite("control", s.control);
   require_finite("activation", s.activation);
   require_finite("applied_force", s.applied);
   require_finite("external_wrench", Eigen::Map<const Vector>(s.wrench.data(), s.wrench.size()));
-  if (!s.world->normalize(s.q)) throw InvalidInput("q", "has a quaternion of length 0");
+  s.world->normalize(s.q, "q");
 
   s.step_q = s.q, s.step_v = s.v;
 
@@ -547,6 +555,7 @@ std::string Simulator::save() const {
   out.text(s.detector.save());
   out.value(s.report.steps);
   out.value(s.report.unsolved);
+  out.value(fnv1a(out.bytes.data(), out.bytes.size()));
   return out.bytes;
 }
 
@@ -554,6 +563,7 @@ void Simulator::restore(const std::string& bytes) {
   Impl& s = *impl_;
   Reader in(bytes);
   if (in.text() != kTag) Reader::fail("is not a saved state, or of another version");
+  in.check();
   if (in.number() != s.settings.time_step) Reader::fail("was saved with another time step");
   const double time = in.number();
   Vector q, v, control, activation, applied, friction, lower, upper, equality, contact, moment, wrench;
@@ -571,6 +581,7 @@ void Simulator::restore(const std::string& bytes) {
   in.vector(wrench, s.wrench.size());
   const std::string detector = in.text();
   const std::uint64_t steps = in.count(), unsolved = in.count();
+  in.count();  // the hash
   in.end();
   s.detector.load(detector);
   s.assembler.clear();
@@ -588,10 +599,8 @@ void Simulator::restore(const std::string& bytes) {
 }
 
 std::uint64_t Simulator::state_hash() const {
-  std::uint64_t hash = 14695981039346656037u;
-  const auto add = [&hash](const void* data, std::size_t size) {
-    for (std::size_t i = 0; i < size; ++i) hash = (hash ^ static_cast<const unsigned char*>(data)[i]) * 1099511628211u;
-  };
+  std::uint64_t hash = kHashStart;
+  const auto add = [&hash](const void* data, std::size_t size) { hash = fnv1a(data, size, hash); };
   add(impl_->q.data(), static_cast<std::size_t>(impl_->q.size()) * sizeof(double));
   add(impl_->v.data(), static_cast<std::size_t>(impl_->v.size()) * sizeof(double));
   add(&impl_->time, sizeof(double));

@@ -6,6 +6,12 @@
 #include "model/world_impl.hpp"
 
 namespace signorini {
+namespace {
+
+/// [m] What rests has gaps of more or less than 0 by rounding: without a margin it would lose its points in turn.
+constexpr double kLeastMargin = 1e-7;
+
+}  // namespace
 
 std::vector<CollisionGeometry> collision_geometries(const World& world) {
   std::vector<CollisionGeometry> list;
@@ -56,7 +62,7 @@ CollisionFilter collision_filter(const World& world) {
 DetectorSettings detector_settings(const SimulatorSettings& settings) {
   DetectorSettings detector;
   const double usual = 2e-3 + 3.0 * settings.time_step;
-  detector.margin = settings.contact_margin < 0.0 ? usual : settings.contact_margin;
+  detector.margin = settings.contact_margin < 0.0 ? usual : std::max(kLeastMargin, settings.contact_margin);
   detector.sweep_from = std::max(usual, detector.margin);
   return detector;
 }

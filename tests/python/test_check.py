@@ -135,6 +135,20 @@ def test_an_impossible_inertia_is_a_problem_where_it_matters(tmp_path):
     checked(urdf(tmp_path, link(), bad, joint("arm", "0 0 1")))  # fixed to the world
 
 
+@pytest.mark.parametrize("moments", ["1 1 9", "1 -1 1"])
+def test_an_inertia_that_is_mended_where_it_does_not_matter_is_a_warning(tmp_path, moments):
+    x, y, z = moments.split()
+    bad = link("arm", inertia=f'<inertia ixx="{x}" iyy="{y}" izz="{z}"/>')
+    path = urdf(tmp_path, link(), bad, joint("arm", "0 0 1"))
+    result = checked(path)
+    assert result["problems"] == []
+    (warning,) = result["warnings"]
+    assert warning.endswith("fixed to the world: arm")
+    assert "mended" in warning
+    checked(path, "--strict", status=1)
+    assert "warning: robot.urdf: inertias that no body can have are mended" in run(path, "--strict").stdout
+
+
 def test_an_overlap_at_the_start_is_a_problem(tmp_path):
     bodies = "".join(
         f'<body name="{name}" pos="0 0 {z}"><freejoint/><geom name="{name} geom" size="0.1"/></body>'

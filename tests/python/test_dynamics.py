@@ -10,7 +10,8 @@ pin = pytest.importorskip("pinocchio")
 
 def random_inertia(rng):
     a = rng.normal(size=(3, 3))
-    return 0.02 * (a @ a.T + np.eye(3))
+    spread = 0.02 * (a @ a.T + np.eye(3))  # of the mass, about its centre
+    return np.trace(spread) * np.eye(3) - spread
 
 
 def random_tree(seed, num_bodies=9, root="free", gravity=(0.3, -0.2, -9.81)):

@@ -230,7 +230,8 @@ def test_a_turn_of_more_than_a_radian_in_a_step_is_refused():
 
 def random_inertia(rng):
     a = rng.normal(size=(3, 3))
-    return 0.02 * (a @ a.T + np.eye(3))
+    spread = 0.02 * (a @ a.T + np.eye(3))  # of the mass, about its centre
+    return np.trace(spread) * np.eye(3) - spread
 
 
 def arm(seed, root=False, *, friction=True, springs=True, actuators=False, num_bodies=5):
@@ -1143,9 +1144,14 @@ BAD = {
     "guess of two contacts": ({"impulse_guess": np.zeros((2, 3))}, r"impulse_guess"),
     "guess nan": ({"impulse_guess": [[0.0, np.nan, 0.0]]}, r"impulse_guess\[1\].*nan"),
     "guess text": ({"impulse_guess": "zero"}, "impulse_guess"),
+    "guess of another shape": ({"impulse_guess": np.zeros((3, 1))}, r"impulse_guess: has shape \(3, 1\), .*\(1, 3\)"),
+    "guess ragged": ({"impulse_guess": [[0.0], [1.0, 2.0]]}, "impulse_guess: is not a rectangular"),
     "guess no contacts": ({"impulse_guess": []}, "impulse_guess.*0.*3"),
     "control of nobody": ({"control": [1.0]}, "control.*1.*0"),
     "wrench on nobody": ({"external_wrench": {"tipp": np.zeros(6)}}, "body.*'tipp'.*'tip'"),
+    "wrench names itself": ({"external_wrench": {"tipp": np.zeros(6)}}, "^external_wrench"),
+    "wrench on a number": ({"external_wrench": {3: np.zeros(6)}}, "^external_wrench.*3.*string"),
+    "closest in words": ({"closest": "no"}, "closest: is 'no', must be True or False"),
     "wrench of three": ({"external_wrench": {"tip": np.zeros(3)}}, "external_wrench.*tip.*3.*6"),
     "wrench nan": ({"external_wrench": {"tip": [np.nan] * 6}}, "external_wrench.*nan"),
     "wrench without a name": ({"external_wrench": np.ones(6)}, "external_wrench.*ndarray"),

@@ -30,10 +30,10 @@ def relative(path):
 
 
 def level(path):
-    """Place in: types, errors, require, length, instruction_sets < constraint_set, de_saxce < delassus/ < the rest of
-    problem/ < solver/ < model/ < collision/ < assembly/ < simulation/ < rollout/ < bindings/."""
+    """Place in: types, errors, require, hash, length, instruction_sets < constraint_set, de_saxce < delassus/ < the
+    rest of problem/ < solver/ < model/ < collision/ < assembly/ < simulation/ < rollout/ < bindings/."""
     name = relative(path)
-    if name in ("types.hpp", "errors.hpp", "require.hpp", "length.hpp", "instruction_sets.hpp"):
+    if name in ("types.hpp", "errors.hpp", "require.hpp", "hash.hpp", "length.hpp", "instruction_sets.hpp"):
         return 0
     if Path(name).with_suffix("").as_posix() in ("problem/constraint_set", "problem/de_saxce"):
         return 1

@@ -593,6 +593,9 @@ def test_a_ball_falls_into_a_cup_that_is_decomposed(cache, tmp_path, format):
 
 
 def test_decompose_is_checked(tmp_path, cache):
+    for unknown in ("cap", ["cu*", "cap"]):
+        with pytest.raises(InvalidInputError, match="decompose: is 'cap', no body of robot.urdf.* did you mean 'cup'"):
+            load(cup(tmp_path, "urdf"), decompose=unknown)
     with pytest.raises(InvalidInputError, match="decompose: is 'cap', no body of robot.urdf"):
         load(cup(tmp_path, "urdf"), decompose="cap")
     assert len(load(cup(tmp_path, "urdf"), decompose="cup", prefix="my/").geometries) > 1

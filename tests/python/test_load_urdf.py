@@ -1,6 +1,7 @@
 """The URDF reader against Pinocchio's, and the rules of docs/robot_files.md."""
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -238,6 +239,71 @@ def test_an_inertia_is_mended_on_request(tmp_path):
     builder = read(tmp_path, more=more, repair_inertia=True)
     np.testing.assert_allclose(builder.bodies["o"].inertia, np.diag([1.5, 1.5, 3.0]), atol=1e-14)
     assert any("mended" in warning for warning in builder.warnings)
+
+
+def test_materials_are_of_bodies_that_there_are(tmp_path):
+    tip = '<collision><geometry><sphere radius="1"/></geometry></collision>'
+    rubber = signorini.Material(friction=2.0)
+    builder = read(tmp_path, tip=tip, material={"tip": rubber, "base": rubber, "*": rubber}, prefix="r/")
+    assert builder.geometries[0][2]["material"] == rubber
+    for unknown, close in (("tpi", "; did you mean 'tip'"), ("r/tip", "; did you mean 'tip'"), ("leg*", "; did you")):
+        message = re.escape(f"material: is {unknown!r}, no body of arm.urdf is called so{close}")
+        with pytest.raises(signorini.InvalidInputError, match=message):
+            read(tmp_path, tip=tip, material={"tip": rubber, unknown: rubber}, prefix="r/")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"prefix": 3}, "prefix: is 3, must be a string"),
+        ({"floating_base": "yes"}, "floating_base: is 'yes', must be True or False"),
+        ({"floating_base": 1}, "floating_base: is 1, must be True or False"),
+        ({"motors": "no"}, "motors: is 'no'"),
+        ({"self_collision": 0}, "self_collision: is 0"),
+        ({"repair_inertia": None}, "repair_inertia: is None"),
+        ({"compliance": ["all"]}, r"compliance: is \['all'\]"),
+        ({"hull_vertices": "many"}, "hull_vertices: is 'many', must be an integer"),
+        ({"hull_vertices": 8.5}, r"hull_vertices: is 8\.5"),
+        ({"hull_vertices": 3}, r"hull_vertices: is 3, must be in \[4, "),
+        ({"package_dirs": 3}, "package_dirs: is 3, must be folders"),
+        ({"package_dirs": [3]}, r"package_dirs: is \[3\], must be folders"),
+        ({"decompose": 3}, "decompose: is 3, must be"),
+        ({"decompose": [3]}, r"decompose: is \[3\], must be"),
+        ({"material": 0}, "material: is 0, must be"),
+        ({"material": "ice"}, "material: is 'ice', must be"),
+        ({"material": {"tip": 0.5}}, r"material\['tip'\]: is 0.5, must be"),
+        ({"material": {3: signorini.Material()}}, "material: is 3, must be a string"),
+        ({"position": "here"}, "position: is 'here'"),
+        ({"position": [0, 0]}, "position: has 2 entries, must have 3"),
+        ({"position": [0, 0, float("nan")]}, "position: is .*nan"),
+        ({"orientation": "up"}, "orientation: is 'up'"),
+        ({"orientation": [0, 0, 0, 0]}, "orientation"),
+        ({"srdf": 3}, "srdf: is 3, must be"),
+        ({"format": "step"}, "format: is 'step'"),
+        ({"ground": "x"}, "ground: is 'x', must be True, False, a height"),
+        ({"ground": None}, "ground: is None, must be True, False, a height"),
+        ({"ground": float("nan")}, "ground: is nan, must be"),
+        ({"ground": 1e10}, "ground: is 10000000000.0, must be"),
+        ({"ground": True, "ground_material": 0.5}, "ground_material: is 0.5, must be"),
+        ({"exclude_overlapping": "no"}, "exclude_overlapping: is 'no', must be"),
+        ({"exclude_overlapping": lambda world: "x"}, "exclude_overlapping: is 'x'"),
+        ({"exclude_overlapping": lambda world: [0.0] * 9}, "exclude_overlapping: has 9 entries, must have 1"),
+        ({"gravity": "down"}, "gravity: is 'down'"),
+        ({"builder": 3}, "builder: is a int, must be a signorini.WorldBuilder"),
+    ],
+)
+def test_options_of_another_type_are_refused(tmp_path, options, message):
+    path = tmp_path / "robot.urdf"
+    tip = '<collision><geometry><sphere radius="1"/></geometry></collision>'
+    path.write_text(ARM.format(type="revolute", joint=LIMIT, tip=tip, more=""))
+    with pytest.raises(signorini.InvalidInputError, match=message):
+        load_world(path, **options)
+
+
+def test_a_path_is_a_path():
+    for path in (3, None, b"robot.urdf"):
+        with pytest.raises(signorini.InvalidInputError, match="path: is "):
+            load_world(path)
 
 
 def test_gazebo_and_transmission_are_listed(tmp_path):

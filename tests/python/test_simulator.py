@@ -14,6 +14,7 @@ from signorini import (
     Capsule,
     Convex,
     InvalidInputError,
+    InverseDynamics,
     Joint,
     Material,
     Simulator,
@@ -128,7 +129,7 @@ def test_a_plate_that_slaps_down_goes_on_bit_for_bit_from_its_middle():
             assert known(other) == after[k], (at, k)
 
 
-@pytest.mark.parametrize(("now", "before"), [(b"signorini state 4", 3), (b"signorini detector 3", 2)])
+@pytest.mark.parametrize(("now", "before"), [(b"signorini state 5", 4), (b"signorini detector 3", 2)])
 def test_states_of_an_older_format_are_refused(tumble, now, before):
     simulator = Simulator(tumble)
     simulator.run(100)
@@ -151,6 +152,22 @@ def test_damaged_states_are_refused(tumble, damage):
         Simulator(tumble, time_step=2e-3).restore(simulator.save())
 
 
+def test_every_flipped_bit_of_a_saved_state_is_refused(tumble):
+    simulator = Simulator(tumble)
+    simulator.run(100)
+    saved = simulator.save()
+    simulator.step(3)
+    before = simulator.save()
+    for bit in range(8 * len(saved)):
+        damaged = bytearray(saved)
+        damaged[bit // 8] ^= 1 << bit % 8
+        with pytest.raises(InvalidInputError, match="bytes"):
+            simulator.restore(bytes(damaged))
+    assert simulator.save() == before
+    simulator.restore(saved)
+    assert simulator.save() == saved
+
+
 @pytest.mark.parametrize("threads", [1, 2, 5])
 def test_rollout_is_bit_equal_to_stepping_one_by_one(tumble, threads):
     rng = np.random.default_rng(0)
@@ -166,13 +183,66 @@ def test_rollout_is_bit_equal_to_stepping_one_by_one(tumble, threads):
         assert result.unsolved[i] == simulator.report.unsolved
 
 
+def starts(world, count):
+    return np.hstack([np.tile(world.initial_q, (count, 1)), np.zeros((count, world.num_v))])
+
+
 def test_a_rollout_that_explodes_does_not_stop_the_others(tumble):
-    start = np.hstack([np.tile(tumble.initial_q, (2, 1)), np.zeros((2, tumble.num_v))])
-    start[0, tumble.num_q] = math.nan
-    result = rollout(tumble, start, num_steps=3)
-    assert np.isnan(result.states[0]).all()
-    assert result.unsolved[0] == 3
+    start = starts(tumble, 2)
+    speed = tumble.num_q + tumble.v_slice("box0").start
+    start[0, speed : speed + 6] = 1e100 / 6.0 * np.arange(1, 7)  # what a step takes, and what it leads to is more
+    result = rollout(tumble, start, num_steps=4)
+    gone = np.isnan(result.states[0]).all(axis=1)
+    assert gone[-1]
+    assert result.unsolved[0] == gone.sum()
+    assert np.isfinite(result.states[0, ~gone]).all()
     assert np.isfinite(result.states[1]).all()
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -1e101])
+@pytest.mark.parametrize(("field", "at"), [("q", 0), ("q", 6), ("v", 2)])
+def test_a_rollout_refuses_where_no_step_can_start(tumble, field, at, value):
+    start = starts(tumble, 3)
+    start[1, at + (tumble.num_q if field == "v" else 0)] = value
+    with pytest.raises(InvalidInputError, match=rf"^states\[1\]\.{field}\[{at}\]: is (nan|inf|-1e\+101), must"):
+        rollout(tumble, start, num_steps=3)
+
+
+def test_a_rollout_refuses_quaternions_of_length_0_and_takes_others(tumble):
+    start = starts(tumble, 3)
+    quaternion = tumble.q_slice("box3").start + 3
+    start[1, quaternion : quaternion + 4] = 0.0, 0.0, 0.0, 2.0  # a step makes it one of length 1
+    rollout(tumble, start, num_steps=1)
+    start[2, quaternion : quaternion + 4] = 0.0
+    with pytest.raises(InvalidInputError, match=r"^states\[2\]\.q: .*quaternion of length 0 \(joint 'box3'\)"):
+        rollout(tumble, start, num_steps=1)
+    simulator = Simulator(tumble)
+    simulator.state.q[quaternion : quaternion + 4] = 0.0
+    with pytest.raises(InvalidInputError, match=r"^q: .*quaternion of length 0 \(joint 'box3'\)"):
+        simulator.step()
+
+
+def test_a_rollout_refuses_controls_that_are_not_finite(tumble):
+    controls = np.zeros((3, 4, 1))
+    controls[2, 1, 0] = math.nan
+    with pytest.raises(InvalidInputError, match=r"^controls\[2, 1, 0\]: is nan"):
+        rollout(tumble, starts(tumble, 3), controls)
+
+
+def test_a_box_at_rest_stays_on_its_corners_without_a_margin():
+    """Far from the origin on a slope, where its gaps are a little more or less than 0 by rounding."""
+    slope = np.array([0.0, math.sin(0.05), 0.0, math.cos(0.05)])
+    up = np.array([math.sin(0.1), 0.0, math.cos(0.1)])
+    place = 1000.0 * np.array([math.cos(0.1), 0.0, -math.sin(0.1)]) + (0.05 + 1e-3) * up
+    builder = WorldBuilder()
+    builder.add_geometry("world", signorini.HalfSpace(), orientation=slope)
+    add_box(builder, "box", 1.0, (0.1, 0.05, 0.05), place, None, slope)
+    simulator = Simulator(builder.build(), contact_margin=0.0)
+    simulator.step(200)
+    for _ in range(300):
+        simulator.step()
+        assert (simulator.contacts.mode != "open").sum() == 4
+        assert simulator.contact_force("world", "box") == pytest.approx([0.0, 0.0, 9.81], abs=1e-4)
 
 
 def test_contacts_say_who_where_and_how_strong():
@@ -409,6 +479,9 @@ def test_huge_velocities_stay_finite_or_are_reported(tumble):
         (lambda b: b.add_body("a", parent="b"), "there is no 'b'"),
         (lambda b: b.add_body("world"), "body 'world'"),
         (lambda b: b.add_body("a", mass=1.0, inertia=-np.eye(3)), "body 'a'.inertia"),
+        (lambda b: b.add_body("a", mass=1.0, inertia=np.diag([1, 1, -1e-6])), "body 'a'.inertia.*-1e-06.*negative"),
+        (lambda b: b.add_body("a", mass=1.0, inertia=np.diag([1, 1, 9])), "body 'a'.inertia.*1, 1, 9.*sum of the"),
+        (lambda b: b.add_body("a", mass=0.0, inertia=np.eye(3)), "body 'a'.mass: is 0, must be > 0 where"),
         (lambda b: b.add_body("a", mass=1.0, inertia=np.eye(2)), r"body 'a'.inertia: has shape \(2, 2\)"),
         (lambda b: b.add_body("a", orientation=(0, 0, 0, 0)), "quaternion of length 0"),
         (lambda b: b.add_body("a", joints=[Joint("j", "screw")]), "joint 'j'.type: is 'screw'"),
@@ -469,6 +542,91 @@ def test_a_world_crosses_to_pinocchio():
     other.state.q[:], other.state.v[:] = q, v
     other.step()
     assert other.state.v == pytest.approx(simulator.state.v, rel=1e-12)
+
+
+def test_bodies_whose_mass_is_in_few_places_are_taken():
+    builder = WorldBuilder()
+    for k, moments in enumerate([(0, 0, 0), (0, 1, 1), (1, 1, 2), (1, 1, 2.001), (1e-16, 1e-16, 1e-15)]):
+        builder.add_body(f"b{k}", mass=1.0, inertia=np.diag(moments))
+    builder.add_body("frame")
+
+
+@pytest.mark.parametrize(
+    ("act", "message"),
+    [
+        (lambda b: b.add_body(3), "body.name: is 3, must be a string"),
+        (lambda b: b.add_body("b", parent=3), r"body 'b'.parent: is 3, must be a string"),
+        (lambda b: b.add_body("b", joints=Joint), "body 'b'.joints: is <class .*Joint'>, must be a list of"),
+        (lambda b: b.add_body("b", joints=Joint("k")), r"body 'b'.joints: is Joint\(name='k'"),
+        (lambda b: b.add_body("b", joints=["k"]), r"body 'b'.joints: is \['k'\]"),
+        (lambda b: b.add_body("b", joints=[Joint(3)]), "joint.name: is 3"),
+        (lambda b: b.add_geometry("a", Sphere(0.1), name=3), "geometry.name: is 3"),
+        (lambda b: b.add_geometry("a", Sphere(0.1), material=0), "material: is a int"),
+        (lambda b: b.add_tendon("t", {"jj": 1.0}), r"tendon 't'.joints: there is no 'jj'; did you mean 'j'\?"),
+        (lambda b: b.add_tendon("t", ["j"]), r"tendon 't'.joints: is \['j'\]"),
+        (lambda b: b.add_tendon(3, {"j": 1.0}), "tendon.name: is 3"),
+        (lambda b: b.add_weld("a", "world", name=3), "weld.name: is 3"),
+        (lambda b: b.add_motor(3, "j"), "actuator.name: is 3"),
+        (lambda b: b.add_motor("m", ["j"]), r"actuator 'm'.joint: is \['j'\], must be a string"),
+    ],
+)
+def test_names_and_lists_of_another_type(act, message):
+    with pytest.raises(InvalidInputError, match=message):
+        act(small_builder())
+
+
+def test_an_external_wrench_is_refused_at_once(tumble):
+    simulator = Simulator(tumble)
+    simulator.set_external_wrench("box1", (1.0, 2.0, 3.0))
+    for field in ("force", "moment"):
+        for value in (math.nan, math.inf, -1e101):
+            with pytest.raises(InvalidInputError, match=rf"^{field}\[1\]: is (nan|inf|-1e\+101), must be"):
+                simulator.set_external_wrench("box1", **{"force": (9.0, 9.0, 9.0), field: (0.0, value, 0.0)})
+    assert simulator._external_wrench[tumble.body_index("box1")].tolist() == [1.0, 2.0, 3.0, 0.0, 0.0, 0.0]
+
+
+def test_what_is_set_whole_is_refused_at_once(tumble):
+    simulator = Simulator(tumble)
+    for field, target in (
+        *(("q", simulator.state), ("v", simulator.state), ("activation", simulator.state)),
+        *(("control", simulator), ("applied_force", simulator)),
+    ):
+        before = getattr(target, field).copy()
+        for value in (math.nan, math.inf, 1e101):
+            given = before.copy()
+            given[-1] = value
+            with pytest.raises(InvalidInputError, match=rf"^{field}\[{len(before) - 1}\]: is "):
+                setattr(target, field, given)
+            with pytest.raises(InvalidInputError, match=rf"^{field}: is "):
+                setattr(target, field, value)
+        assert (getattr(target, field) == before).all()
+
+
+def test_a_contact_force_names_the_body_that_is_not_there(tumble):
+    simulator = Simulator(tumble)
+    with pytest.raises(InvalidInputError, match="^body_a: there is no 'bx1'; did you mean 'box1'"):
+        simulator.contact_force("bx1", "box2")
+    with pytest.raises(InvalidInputError, match="^body_b: there is no 'bx2'; did you mean 'box2'"):
+        simulator.contact_force("box1", "bx2")
+
+
+def test_worlds_settings_and_flags_of_another_type(tumble):
+    start = starts(tumble, 1)
+    for call in (Simulator, lambda world: rollout(world, start, num_steps=1), lambda world: InverseDynamics(world)):
+        with pytest.raises(InvalidInputError, match="^world: is a int, must be a signorini.World"):
+            call(3)
+    for call in (
+        lambda settings: Simulator(tumble, settings),
+        lambda settings: rollout(tumble, start, num_steps=1, settings=settings),
+        lambda settings: InverseDynamics(tumble, settings=settings),
+    ):
+        for wrong, kind in ({"time_step": 1e-3}, "dict"), (0, "int"):
+            with pytest.raises(InvalidInputError, match=f"^settings: is a {kind}, must be a SimulatorSettings"):
+                call(wrong)
+    with pytest.raises(InvalidInputError, match="^keep_states: is 'no', must be True or False"):
+        Simulator(tumble).run(1, keep_states="no")
+    with pytest.raises(InvalidInputError, match="^controller: is a int, must be"):
+        Simulator(tumble).run(1, controller=3)
 
 
 def test_settings_are_plain_data(tumble):

@@ -105,6 +105,52 @@ def test_options_of_another_type_are_refused(name):
                 scene(**{option: value})
 
 
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        *(("humanoid", {"height": height}, "height: is .*, must be in .1.2929, 1") for height in (-1, 0.0, 1.29, 1e4)),
+        *(("talos-fall", {"height": height}, "height: is .*, must be in") for height in (-1.0, 0.0, 1e4)),
+        *(("ur5", {"q": [0.0, q, 0, 0, 0, 0]}, r"q: is .* at 'shoulder_lift_joint', must be in") for q in (7, -1e90)),
+        ("ur5", {"q": [0, -1.6, 2.9, 0, 0, 0]}, "q: .* overlap by 86 mm, must"),
+        ("ur5", {"q": [0.0] * 6, "ground": 1}, "q: .*'ground'.* overlap by 48.5 mm, must"),
+        *(("ur5-wall", {"stiffness": k}, "stiffness: is .*, must be in") for k in (-1.0, 0, 1e-300)),
+        *(("ur5-wall", {"damping": d}, "damping: is .*, must be in") for d in (-1.0, math.inf, 1e300)),
+        *(("cube-wall", {"ball_mass": m}, "ball_mass: is .*, must be 0, or in") for m in (-1.0, 1e-100, 1e10)),
+        ("cube-wall", {"edge": 1e3, "mass_ratio": 1e12}, "edge"),
+        ("cube-stack", {"edge": 1e3, "mass_ratio": 1e12}, "edge"),
+        ("boxes", {"edge": 100.0}, "edge"),
+        ("boxes", {"density": 1e6}, "density"),
+        ("chain", {"wire": 100.0}, "wire"),
+    ],
+)
+def test_options_out_of_range_are_named(name, options, message):
+    with pytest.raises(InvalidInputError, match=f"^{message}"):
+        started(name, **options)
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("humanoid", {"height": 1.2929}),
+        ("talos-fall", {"height": 5e-4}),
+        ("cube-stack", {"edge": 40.0, "mass_ratio": 1e12}),
+        ("cube-wall", {"edge": 40.0, "mass_ratio": 1e12, "ball_mass": 1e-9}),
+        ("spheres", {"size": 8, "radius": 50.0, "density": 1e5}),
+        ("boxes", {"size": 8, "edge": 50.0, "density": 1e5}),
+        ("capsules-box", {"size": 8, "radius": 50.0, "length": 50.0, "density": 1e5}),
+        ("capsules-box", {"size": 8, "radius": 1e-4, "length": 1e-4, "density": 1e-3}),
+        ("chain", {"size": 3, "wire": 10.0, "mass_ratio": 1e12}),
+        ("cable", {"size": 2, "pitch": 1e3, "mass_ratio": 1e12, "angle": math.pi}),
+    ],
+)
+def test_options_at_the_ends_of_their_ranges_start_apart(name, options):
+    world, q, v = started(name, **options)
+    assert min((distance for _, _, distance in world.touching_pairs(q)), default=0.0) > -1e-6
+    simulator = signorini.Simulator(world)
+    simulator.state.q, simulator.state.v = q, v
+    simulator.step()
+
+
 def test_the_arm_stands_on_its_ground_or_has_none():
     """0 and 1, as the command line hands them over, are no heights."""
     assert "ground" not in worlds()["ur5"](ground=0).world.geometry_names

@@ -57,6 +57,11 @@ struct Body {
   Placement in_frame;  ///< of the body frame in `frame`
 };
 
+/// Why no body can have this mass [kg] and this symmetric inertia about its centre of mass [kg m^2]; "" when one can. A
+/// point mass, a thin rod and a frame without mass are bodies. Principal moments may miss the triangle inequality by a
+/// thousandth: files are written with few digits.
+std::string inertia_fault(double mass, const Matrix3& inertia);
+
 struct Geometry {
   std::string name;
   int body = 0;
@@ -169,8 +174,9 @@ class World {
 
   /// q advanced along v for a time step, on the manifold of configurations.
   void integrate(const ConstVectorRef& q, const ConstVectorRef& v, double time_step, VectorRef q_next) const;
-  /// q with its quaternions made unit; false when one is zero or anything is not finite.
-  bool normalize(VectorRef q) const;
+  /// q with its quaternions made unit. Raises InvalidInput for `field` when one is zero or a value is not finite, and
+  /// leaves q.
+  void normalize(VectorRef q, const char* field) const;
 
   const Impl& impl() const { return *impl_; }
 

@@ -30,8 +30,9 @@ struct RolloutOptions {
 /// Many simulations of one world, each from its own state under its own controls, on a pool of threads. Each result is
 /// bit-equal to stepping that simulation alone, whatever the number of threads.
 /// initial: num x (nq + nv), row-major. controls: num x steps x nu, row-major, or null for none. states: num x steps x
-/// (nq + nv), written; unsolved: num, steps that were not solved. An error of one simulation (its state left the range
-/// of finite numbers) fills the rest of its states with NaN and does not stop the others.
+/// (nq + nv), written; unsolved: num, steps that were not solved. A simulation whose state leaves the range of finite
+/// numbers fills the rest of its states with NaN and does not stop the others. Raises InvalidInput, and makes no step,
+/// when one cannot start: a value is not finite, or a quaternion zero.
 void rollout(const std::shared_ptr<const World>& world, const SimulatorSettings& settings, const double* initial,
              const double* controls, Index num, const RolloutOptions& options, double* states, std::int64_t* unsolved);
 

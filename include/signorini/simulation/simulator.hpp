@@ -18,8 +18,8 @@ struct SimulatorSettings {
   double baumgarte = 0.2;
   double max_correction_speed = 1.0;    ///< of that, and of loops that come apart [m/s, rad/s]
   double restitution_threshold = 0.05;  ///< approach speed below which nothing bounces [m/s]
-  /// Points with a gap up to this are part of the problem [m]; < 0: 2 mm, and 3 m/s times the time step. What may come
-  /// nearer by more than either in a step is swept.
+  /// Points with a gap up to this, or up to 0.1 um, are part of the problem [m]; < 0: 2 mm, and 3 m/s times the time
+  /// step. What may come nearer by more than either in a step is swept.
   double contact_margin = -1.0;
 
   /// Raises InvalidInput naming the field, the value and the allowed range.
@@ -120,7 +120,8 @@ class Simulator {
   /// Back to the world's initial configuration, at rest, time 0; forgets warm starts.
   void reset();
   /// Everything that the next step depends on. restore() of these bytes, in a simulator of an equal world and equal
-  /// settings, goes on bit for bit. Raises InvalidInput("bytes", ...) on anything else.
+  /// settings, goes on bit for bit. Raises InvalidInput("bytes", ...) on anything else and leaves the state: a checksum
+  /// is among the bytes.
   std::string save() const;
   void restore(const std::string& bytes);
   /// 64-bit FNV-1a hash of q, v and time.

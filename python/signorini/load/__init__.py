@@ -20,11 +20,12 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from signorini import _arrays
 from signorini._core import InvalidInputError
 from signorini.load import _xml, mesh
 from signorini.load._ground import lowest_point
@@ -41,6 +42,7 @@ Format = Literal["urdf", "mjcf", "sdf"]
 PathLike = str | os.PathLike[str]
 Result = TypeVar("Result")
 GRAVITY = (0.0, 0.0, -9.81)
+HIGHEST = 1e9  # [m] of a ground
 
 
 def load(
@@ -92,7 +94,7 @@ def load(
         decompose=decompose,
     )
     loaded = assemble(
-        Path(path),
+        _path(path),
         options,
         format=format,
         ground=ground,
@@ -129,31 +131,36 @@ def assemble(
     builder: WorldBuilder | None = None,
 ) -> Loaded:
     """load() for those who need the builder too."""
+    from signorini._world import WorldBuilder
+
+    height = _ground_height(ground, ground_material)
+    if exclude_overlapping is not None and not callable(exclude_overlapping):
+        exclude_overlapping = _arrays.flag("exclude_overlapping", exclude_overlapping)
+    if builder is not None and not isinstance(builder, WorldBuilder):
+        raise InvalidInputError(f"builder: is a {type(builder).__name__}, must be a signorini.WorldBuilder")
     format = format or file_format(path)
     source = _read(path, format, options)
     if builder is None:
-        from signorini._world import WorldBuilder
-
         builder = _named(path, lambda: WorldBuilder(source.gravity or GRAVITY if gravity is None else gravity))
     elif gravity is not None:
         raise InvalidInputError("gravity: must not be given together with a builder, which has its own")
     added = _add(builder, source, options, self_collision, srdf)
-    if ground is not False and ground != "touching":
-        builder.add_ground(ground_material, 0.0 if ground is True else float(ground))
+    if isinstance(height, float):
+        builder.add_ground(ground_material, height)
     if exclude_overlapping is None:
         exclude_overlapping = format != "mjcf"
     world = _named(path, builder.build)
     if exclude_overlapping is not False:
         configurations = [world.initial_q]
         if callable(exclude_overlapping):
-            configurations.append(np.asarray(exclude_overlapping(world), dtype=np.float64))
+            configurations.append(_arrays.vector("exclude_overlapping", exclude_overlapping(world), world.num_q))
         if exclude_overlapping_pairs(builder, world, [added], configurations):
             world = _named(path, builder.build)
-    if ground == "touching":
-        height = lowest_point(world)
-        if height is None:
+    if height == "touching":
+        lowest = lowest_point(world)
+        if lowest is None:
             builder.warn(f"{path.name}: has nothing that collides, so the ground touches nothing; it is at z = 0")
-        builder.add_ground(ground_material, height or 0.0)
+        builder.add_ground(ground_material, lowest or 0.0)
         world = _named(path, builder.build)
     return Loaded(world, builder, added)
 
@@ -183,18 +190,19 @@ def add_file(
     3 x 3): of the robot's root in the world. floating_base: True hangs a URDF's root on a free joint "root_joint",
     False fixes what floats in an SDF file; None: fixed (URDF), as the file says (SDF; always MJCF). package_dirs:
     folders that hold packages or are one, for package:// names. srdf: file whose disabled pairs of links never touch.
-    material: for all geometries, or by body, {name or pattern: material}, the first that fits; else the file's (MJCF,
-    SDF) or the default. motors: one on each joint of one value (URDF, SDF), the file's (MJCF). self_collision: False:
-    bodies of this robot never touch each other. hull_vertices: largest number of vertices of a mesh's hull; None: no
-    limit. repair_inertia: inertias that no body can have are mended and not refused. compliance: what MJCF's solref and
-    solimp become: "file": springs with dampers where the file sets them, rigid where it does not; "rigid": rigid;
-    "all": springs everywhere (docs/robot_files.md). decompose: concave meshes, of all bodies or of those of this name,
-    pattern or list, become several convex pieces, "name_0", "name_1", ...; ImportError without the package coacd.
+    material: for all geometries, or by body, {name or pattern: material}, the first that fits, and each fits a body;
+    else the file's (MJCF, SDF) or the default. motors: one on each joint of one value (URDF, SDF), the file's (MJCF).
+    self_collision: False: bodies of this robot never touch each other. hull_vertices: largest number of vertices of a
+    mesh's hull; None: no limit. repair_inertia: inertias that no body can have are mended and not refused. compliance:
+    what MJCF's solref and solimp become: "file": springs with dampers where the file sets them, rigid where it does
+    not; "rigid": rigid; "all": springs everywhere (docs/robot_files.md). decompose: concave meshes, of all bodies or of
+    those of this name, pattern or list, become several convex pieces, "name_0", "name_1", ...; ImportError without the
+    package coacd.
 
     Raises InvalidInputError naming file, line and element, and what is allowed. What had been added by then stays in
     the builder.
     """
-    path = Path(path)
+    path = _path(path)
     options = _options(
         prefix=prefix,
         position=position,
@@ -274,37 +282,70 @@ def _options(
 ) -> Options:
     if compliance not in ("file", "rigid", "all"):
         raise InvalidInputError(f"compliance: is {compliance!r}, must be 'file', 'rigid' or 'all'")
-    if hull_vertices is not None and hull_vertices < 4:
-        raise InvalidInputError(f"hull_vertices: is {hull_vertices}, must be at least 4 or None")
-    if isinstance(package_dirs, (str, os.PathLike)):
-        package_dirs = [package_dirs]
-    patterns = (
-        decompose if isinstance(decompose, bool) else (decompose,) if isinstance(decompose, str) else tuple(decompose)
-    )
-    placement = Placement(_rotation(orientation), _position(position))
+    _check_materials(material)
     return Options(
-        prefix,
-        placement,
-        floating_base,
-        tuple(package_dirs),
+        _arrays.text("prefix", prefix),
+        Placement(_rotation(orientation), _position(position)),
+        None if floating_base is None else _arrays.flag("floating_base", floating_base),
+        _tuple("package_dirs", package_dirs, (str, os.PathLike), "folders"),
         material,
-        motors,
-        hull_vertices,
-        repair_inertia,
+        _arrays.flag("motors", motors),
+        None if hull_vertices is None else _arrays.count("hull_vertices", hull_vertices, 4),
+        _arrays.flag("repair_inertia", repair_inertia),
         compliance,
-        patterns,
+        decompose if isinstance(decompose, bool) else _tuple("decompose", decompose, str, "a bool, or names of bodies"),
     )
+
+
+def _tuple(field: str, given: Any, kind: Any, wanted: str) -> tuple[Any, ...]:
+    """Of one or several."""
+    values = (given,) if isinstance(given, kind) or not isinstance(given, Iterable) else tuple(given)
+    if not all(isinstance(value, kind) for value in values):
+        raise InvalidInputError(f"{field}: is {given!r}, must be {wanted}")
+    return values
+
+
+def _path(path: Any) -> Path:
+    if not isinstance(path, (str, os.PathLike)):
+        raise InvalidInputError(f"path: is {path!r}, must be a path")
+    return Path(path)
+
+
+def _check_materials(material: Any) -> None:
+    from signorini._world import Material
+
+    by_body = isinstance(material, Mapping)
+    for body, value in material.items() if by_body else [("", material)]:
+        field = f"material[{_arrays.text('material', body)!r}]" if by_body else "material"
+        if not isinstance(value, Material) and (by_body or value is not None):
+            wanted = "a signorini.Material" + ("" if by_body else ", these by body, or None")
+            raise InvalidInputError(f"{field}: is {value!r}, must be {wanted}")
+
+
+def _ground_height(ground: Any, material: Any) -> float | Literal["touching"] | None:
+    """[m]; None: no ground."""
+    from signorini._world import Material
+
+    if material is not None and not isinstance(material, Material):
+        raise InvalidInputError(f"ground_material: is {material!r}, must be a signorini.Material, or None")
+    if isinstance(ground, (bool, np.bool_)):
+        return 0.0 if ground else None
+    if isinstance(ground, str) and ground == "touching":
+        return "touching"
+    if isinstance(ground, (int, float, np.integer, np.floating)) and abs(ground) <= HIGHEST:
+        return float(ground)
+    raise InvalidInputError(f'ground: is {ground!r}, must be True, False, a height within +-1e9 m, or "touching"')
 
 
 def _position(position: Sequence[float]) -> npt.NDArray[np.float64]:
-    array = np.asarray(position, dtype=np.float64)
-    if array.shape != (3,) or not np.isfinite(array).all():
+    array = _arrays.vector("position", position, 3)
+    if not np.isfinite(array).all():
         raise InvalidInputError(f"position: is {position}, must be 3 finite numbers")
     return array
 
 
 def _rotation(orientation: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    array = np.asarray(orientation, dtype=np.float64)
+    array = _arrays.numbers("orientation", orientation)
     if array.shape == (4,) and abs(float(np.linalg.norm(array)) - 1.0) < 1e-6:
         return from_quaternion(array / np.linalg.norm(array))
     if array.shape == (3, 3) and np.allclose(array @ array.T, np.eye(3), atol=1e-6) and np.linalg.det(array) > 0.0:
@@ -341,11 +382,12 @@ def _read(path: Path, format: Format | None, options: Options) -> _Source:
 def _add(
     builder: WorldBuilder, source: _Source, options: Options, self_collision: bool, srdf: PathLike | None
 ) -> Added:
+    _arrays.flag("self_collision", self_collision)
+    if srdf is not None and not isinstance(srdf, (str, os.PathLike)):
+        raise InvalidInputError(f"srdf: is {srdf!r}, must be a path, or None")
     added = source.add(builder, options)
-    for pattern in () if isinstance(options.decompose, bool) else options.decompose:
-        names = ["world", *(body.removeprefix(options.prefix) for body in added.bodies)]
-        if not any(fnmatchcase(name, pattern) for name in names):
-            raise InvalidInputError(f"decompose: is {pattern!r}, no body of {added.file.name} is called so")
+    _check_patterns("decompose", options.decompose, added, options.prefix)
+    _check_patterns("material", options.material, added, options.prefix)
     theirs, ours = source.gravity, getattr(builder, "gravity", None)
     if theirs is not None and ours is not None and not np.allclose(theirs, ours):
         builder.warn(f"{added.file.name}: gravity is {theirs} there, and {tuple(ours)} in this world")
@@ -364,6 +406,17 @@ def _add(
                 if added.together(other, body):
                     builder.exclude(other, body)
     return added
+
+
+def _check_patterns(field: str, patterns: Any, added: Added, prefix: str) -> None:
+    """Each name or pattern, if these are what is given, fits a body."""
+    from signorini._world import suggest
+
+    names = [WORLD, *(body.removeprefix(prefix) for body in added.bodies)]
+    for pattern in patterns if isinstance(patterns, (tuple, Mapping)) else ():
+        if not any(fnmatchcase(name, pattern) for name in names):
+            close = suggest(pattern, names)
+            raise InvalidInputError(f"{field}: is {pattern!r}, no body of {added.file.name} is called so{close}")
 
 
 def _named(path: Path, function: Callable[[], Result]) -> Result:

@@ -14,10 +14,6 @@ from signorini.load._xml import Element
 
 Array = npt.NDArray[np.float64]
 
-#: Share by which principal moments may miss the triangle inequality: files are written with few digits.
-TOLERANCE = 1e-3
-_RADIUS = 1e-6  # [m]; moments below mass radius^2 are rounding
-
 
 class Inertia(NamedTuple):
     """mass [kg], centre of mass [m], inertia about it, axes of the body [kg m^2]."""
@@ -41,18 +37,10 @@ def nothing() -> Inertia:
 
 
 def fault(value: Inertia) -> str | None:
-    """Why no body can have this; None when one can. A point mass and a thin rod are bodies."""
-    moments = np.asarray(np.linalg.eigvalsh(value.inertia), dtype=np.float64)
-    largest = float(np.abs(moments).max())
-    if value.mass == 0.0:
-        return "the mass is 0 and the inertia is not" if largest > 0.0 else None
-    if largest < value.mass * _RADIUS**2:
-        return None
-    if moments[0] < -1e-9 * largest:
-        return f"the principal moments are {_list(moments)}, none may be negative"
-    if moments[0] + moments[1] < moments[2] * (1.0 - TOLERANCE):
-        return f"the principal moments are {_list(moments)}, each must be at most the sum of the other two"
-    return None
+    """Why no body can have this, in the words of the builder; None when one can."""
+    from signorini import _simulator
+
+    return _simulator.inertia_fault(value.mass, value.inertia) or None
 
 
 def rounded(value: Inertia) -> Inertia:
@@ -130,9 +118,13 @@ def possible(
         if name in anchored or fault(total):
             for part in bad:
                 result[part.name] = mended(part.inertia)
-            if name not in anchored:
-                warnings.add("inertias that no body can have are mended", *(part.name for part in bad))
-                mended_names += [part.name for part in bad]
+            names = [part.name for part in bad]
+            if name in anchored:
+                reason = "inertias that no body can have are mended, of what is fixed to the world"
+                warnings.add(reason, *names)
+            else:
+                warnings.add("inertias that no body can have are mended", *names)
+                mended_names += names
         else:
             for part in group:
                 result[part.name] = nothing()
@@ -140,7 +132,3 @@ def possible(
             reason = "links whose inertia no body can have are counted in those that they are fixed to"
             warnings.add(reason, *(part.name for part in bad))
     return {name: rounded(inertia) for name, inertia in result.items()}
-
-
-def _list(moments: Array) -> str:
-    return ", ".join(f"{moment:.6g}" for moment in moments)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from signorini._core import InvalidInputError
 from signorini.scenes._worlds import (
     Array,
     Start,
@@ -51,8 +52,10 @@ def cube_wall(
     Raises InvalidInputError naming the option and what is allowed.
     """
     _check(rows=(rows, 1, 100), columns=(columns, 1, 100), mass_ratio=(mass_ratio, 1e-12, 1e12), seed=(seed, 0, 2**63))
-    _check(ball_mass=(ball_mass, 0.0, 1e9), speed=(speed, -1e3, 1e3), friction=(friction, 0.0, 1e3))
-    _check(edge=(edge, 1e-4, 1e3), gap=(gap, 0.0, 0.5 * edge))
+    if ball_mass != 0.0 and not 1e-9 <= ball_mass <= 1e9:
+        raise InvalidInputError(f"ball_mass: is {ball_mass}, must be 0, or in [1e-9, 1e9]")
+    _check(speed=(speed, -1e3, 1e3), friction=(friction, 0.0, 1e3))
+    _check(edge=(edge, 1e-4, 40.0), gap=(gap, 0.0, 0.5 * edge))
     spans = []  # (middle, length, row)
     for row in range(rows):
         ends = 2.0 * edge * np.arange(columns + 1)
@@ -116,7 +119,7 @@ def chain(
     the x axis. wire: radius [m]; a link is 12 of it long and 8 wide. friction: of all.
     """
     _check(size=(size, 2, 10_000), mass_ratio=(mass_ratio, 1e-12, 1e12), speed=(speed, -1e3, 1e3))
-    _check(wire=(wire, 1e-4, 1e2), friction=(friction, 0.0, 1e3))
+    _check(wire=(wire, 1e-4, 10.0), friction=(friction, 0.0, 1e3))
     from signorini._world import Joint
 
     half_length, half_width = 5.0 * wire, 3.0 * wire  # of the wire's axis

@@ -6,7 +6,6 @@ Per contact a frame (t1, t2, n) with n from body A to body B, and a velocity of 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,17 +30,20 @@ def check_counts(lowest: int, **counts: Any) -> None:
 
 
 def check_positive(**values: Any) -> None:
-    """Raises InvalidInputError for what is no number, not positive or not finite."""
-    for name, value in values.items():
-        if not 0.0 < _arrays.number(name, value) < math.inf:
-            raise signorini.InvalidInputError(f"{name}: is {value}, must be positive and finite")
+    """Raises InvalidInputError for what is no number, not positive, or beyond all measure."""
+    check_range(1e-15, 1e15, **values)
 
 
 def check_finite(**values: Any) -> None:
-    """Raises InvalidInputError for what is no number or not finite."""
+    """Raises InvalidInputError for what is no number, or beyond all measure."""
+    check_range(-1e15, 1e15, **values)
+
+
+def check_range(lower: float, upper: float, **values: Any) -> None:
+    """Raises InvalidInputError for what is no number or not within lower and upper."""
     for name, value in values.items():
-        if not math.isfinite(_arrays.number(name, value)):
-            raise signorini.InvalidInputError(f"{name}: is {value}, must be finite")
+        if not lower <= _arrays.number(name, value) <= upper:
+            raise signorini.InvalidInputError(f"{name}: is {value}, must be in [{lower:g}, {upper:g}]")
 
 
 @dataclass

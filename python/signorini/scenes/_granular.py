@@ -20,6 +20,7 @@ from signorini.scenes._bodies import (
     check_counts,
     check_finite,
     check_positive,
+    check_range,
 )
 
 _SPREAD = (0.8, 1.2)  # radii over their mean
@@ -54,7 +55,8 @@ def pile(
     """
     check_counts(1, num_contacts=num_contacts)
     _arrays.count("seed", seed, 0, bits=63)
-    check_positive(contacts_per_sphere=contacts_per_sphere, mass_ratio=mass_ratio, radius=radius, dt=dt)
+    check_range(0.1, 100.0, contacts_per_sphere=contacts_per_sphere)
+    check_positive(mass_ratio=mass_ratio, radius=radius, dt=dt)
     check_finite(speed=speed, friction=friction)
     if layers is not None:
         check_positive(layers=layers)

@@ -83,9 +83,9 @@ def wall(
     """
     check_counts(1, num_rows=num_rows, num_columns=num_columns)
     check_positive(mass_ratio=mass_ratio, size=size, dt=dt)
-    check_finite(ball_mass=ball_mass, ball_speed=ball_speed, friction=friction)
-    if ball_mass < 0.0:
-        raise signorini.InvalidInputError(f"ball_mass: is {ball_mass}, must be at least 0")
+    check_finite(ball_speed=ball_speed, friction=friction)
+    if ball_mass != 0.0:
+        check_positive(ball_mass=ball_mass)
     row, column = (x.ravel() for x in np.meshgrid(np.arange(num_rows), np.arange(num_columns), indexing="ij"))
     left = 2.0 * size * column + size * (row % 2)
     edges = np.array([2.0 * size, size, size])

@@ -89,7 +89,7 @@ def cube_stack(
 
     Raises InvalidInputError naming the option and what is allowed.
     """
-    _check(num_cubes=(num_cubes, 1, 10_000), mass_ratio=(mass_ratio, 1e-12, 1e12), edge=(edge, 1e-4, 1e3))
+    _check(num_cubes=(num_cubes, 1, 10_000), mass_ratio=(mass_ratio, 1e-12, 1e12), edge=(edge, 1e-4, 40.0))
     _check(misalignment=(misalignment, 0.0, 0.49 * edge), slip=(slip, -1e3, 1e3), friction=(friction, 0.0, 1e3))
     material = _material(friction)
     builder = _builder()
@@ -145,25 +145,32 @@ def boxes(
 
 
 def humanoid(height: float | None = None) -> Start:
-    """MuJoCo's humanoid of capsules as gymnasium has it, dropped from the height [m] of its file, unactuated."""
+    """MuJoCo's humanoid of capsules as gymnasium has it, dropped, unactuated.
+
+    height: of its root [m], from where the feet touch the ground on; None: that of its file.
+    """
     from signorini.load import load
+    from signorini.load._ground import lowest_point
 
     world = load(gymnasium_file("humanoid.xml"))
     q = world.initial_q
     if height is not None:
-        _check(height=(height, -1e3, 1e3))
-        q[world.q_slice("root")][2] = height
+        root = world.q_slice("root").start + 2
+        touching = q[root] - (lowest_point(world) or 0.0)
+        _check(height=(height, math.ceil(1e4 * touching) / 1e4, 1e3))
+        q[root] = height
     return Start(world, q, np.zeros(world.num_v))
 
 
 def talos_fall(height: float = 0.02, *, self_collision: bool = True, friction: float = 0.8) -> Start:
     """The humanoid Talos in half-sitting pose, its soles `height` above the ground [m], unactuated: it falls.
 
-    Links touch unless the robot's SRDF file says that they never do.
+    height: at least 0.5 mm, as the meshes of the soles are uneven by that. Links touch unless the robot's SRDF file
+    says that they never do.
     """
     from signorini.load import load, srdf
 
-    _check(height=(height, 0.0, 1e3), friction=(friction, 0.0, 1e3))
+    _check(height=(height, 5e-4, 1e3), friction=(friction, 0.0, 1e3))
     folder = robots_folder() / "talos_data"
     srdf_file = folder / "srdf" / "talos.srdf"
     state = srdf.read(srdf_file).states["half_sitting"]
@@ -218,13 +225,19 @@ def cassie(height: float = 0.02, *, friction: float = 0.8) -> Start:
 
 
 def ur5(q: npt.ArrayLike = (0.0, -0.3, 0.4, 0.0, 0.5, 0.0), *, ground: bool = False) -> Start:
-    """The arm UR5, fixed, convex hulls of its meshes, self-collision on, unactuated: it swings. q: (6,) [rad]."""
+    """The arm UR5, fixed, convex hulls of its meshes, self-collision on, unactuated: it swings.
+
+    q: (6,) where it starts [rad], within its limits and apart from itself and the ground.
+    """
     from signorini.load import load
 
     start = _arrays.vector("q", q, 6).copy()
-    if not np.isfinite(start).all():
-        raise InvalidInputError(f"q: is {q!r}, must be 6 finite numbers")
     world = load(robots_folder() / "ur_description" / "urdf" / "ur5_robot.urdf", ground=bool(ground))
+    for k, joint in enumerate(world.joints):
+        if not joint.lower <= start[k] <= joint.upper:
+            limits = f"[{joint.lower:g}, {joint.upper:g}]"
+            raise InvalidInputError(f"q: is {start[k]} at {joint.name!r}, must be in {limits}")
+    _check_apart("q", start, world, start)
     return Start(world, start, np.zeros(world.num_v))
 
 
@@ -236,7 +249,7 @@ def ur5_wall(stiffness: float = math.inf, damping: float = 0.0, friction: float 
     from signorini._world import HalfSpace, Material, Sphere, WorldBuilder
     from signorini.load import add_file
 
-    _check(friction=(friction, 0.0, 1e3))
+    _check(stiffness=(stiffness, 1e-3, math.inf), damping=(damping, 0.0, 1e9), friction=(friction, 0.0, 1e3))
     material = Material(friction=friction, stiffness=stiffness, damping=damping)
     builder = WorldBuilder()
     add_file(builder, robots_folder() / "ur_description" / "urdf" / "ur5_robot.urdf")
@@ -354,6 +367,14 @@ def _check(**options: tuple[float, float, float]) -> None:
             raise InvalidInputError(f"{name}: is {value}, must be in [{lower:g}, {upper:g}]")
 
 
+def _check_apart(option: str, value: Any, world: World, q: Array) -> None:
+    """The option's value leads to a configuration in which nothing overlaps."""
+    a, b, distance = min(world.touching_pairs(q), key=lambda pair: pair[2], default=(0, 0, 0.0))
+    if distance < -1e-6:
+        names = f"{world.geometry_names[a]!r} and {world.geometry_names[b]!r}"
+        raise InvalidInputError(f"{option}: is {value}, {names} overlap by {-1e3 * distance:.3g} mm, must be apart")
+
+
 def _material(friction: float) -> Material:
     from signorini._world import Material
 
@@ -397,8 +418,8 @@ def _add_free(
 
 
 def _granular(size: int, seed: int, density: float, friction: float, **lengths: float) -> np.random.Generator:
-    _check(size=(size, 1, 100_000), density=(density, 1e-3, 1e6), friction=(friction, 0.0, 1e3), seed=(seed, 0, 2**63))
-    _check(**{name: (length, 1e-4, 1e2) for name, length in lengths.items()})
+    _check(size=(size, 1, 100_000), density=(density, 1e-3, 1e5), friction=(friction, 0.0, 1e3), seed=(seed, 0, 2**63))
+    _check(**{name: (length, 1e-4, 50.0) for name, length in lengths.items()})
     return np.random.default_rng(seed)
 
 

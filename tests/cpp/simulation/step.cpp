@@ -73,6 +73,11 @@ BOOST_AUTO_TEST_CASE(saved_bytes_that_are_damaged_are_refused) {
   for (std::size_t size = 0; size < bytes.size(); size += 7)
     BOOST_CHECK_THROW(simulator.restore(bytes.substr(0, size)), InvalidInput);
   BOOST_CHECK_THROW(simulator.restore(bytes + "x"), InvalidInput);
+  for (std::size_t at = 0; at < bytes.size(); ++at) {
+    std::string damaged = bytes;
+    damaged[at] = static_cast<char>(damaged[at] ^ (1 << at % 8));
+    BOOST_CHECK_THROW(simulator.restore(damaged), InvalidInput);
+  }
   BOOST_TEST(simulator.save() == bytes);  // a refused restore leaves the state
 }
 
@@ -100,6 +105,28 @@ BOOST_AUTO_TEST_CASE(threads_do_not_change_a_rollout) {
   for (Index k = 0; k < steps; ++k) alone.step();
   const double* last = states[0].data() + (2 * steps - 1) * size;
   BOOST_TEST((Eigen::Map<const Vector>(last, world->num_q()) == alone.q()));
+}
+
+BOOST_AUTO_TEST_CASE(a_rollout_refuses_where_no_step_can_start) {
+  const auto world = busy_world();
+  const Index nq = world->num_q(), size = nq + world->num_v();
+  std::vector<double> initial(static_cast<std::size_t>(2 * size), 0.0), states(initial.size());
+  std::vector<std::int64_t> unsolved(2);
+  for (Index i = 0; i < 2; ++i)
+    std::copy(world->initial_q().data(), world->initial_q().data() + nq, initial.begin() + i * size);
+  const auto refusal = [&](Index at, double value) {
+    std::vector<double> start = initial;
+    start[static_cast<std::size_t>(at)] = value;
+    try {
+      rollout(world, {}, start.data(), nullptr, 2, {}, states.data(), unsolved.data());
+    } catch (const InvalidInput& error) {
+      return error.field();
+    }
+    return std::string();
+  };
+  BOOST_TEST(refusal(0, 0.0) == "");
+  BOOST_TEST(refusal(1, std::numeric_limits<double>::quiet_NaN()) == "states[0].q[1]");
+  BOOST_TEST(refusal(size + nq, kInfinity) == "states[1].v[0]");
 }
 
 BOOST_AUTO_TEST_CASE(a_state_that_is_not_finite_is_refused_and_left_alone) {

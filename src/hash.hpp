@@ -1,0 +1,17 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace signorini {
+
+constexpr std::uint64_t kHashStart = 14695981039346656037u;
+
+/// FNV-1a of 64 bits, going on from a hash. A change within one byte always changes it.
+inline std::uint64_t fnv1a(const void* data, std::size_t size, std::uint64_t hash = kHashStart) {
+  const auto* bytes = static_cast<const unsigned char*>(data);
+  for (std::size_t i = 0; i < size; ++i) hash = (hash ^ bytes[i]) * 1099511628211u;
+  return hash;
+}
+
+}  // namespace signorini
