@@ -1,4 +1,6 @@
 import json
+import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -231,3 +233,54 @@ def test_a_run_refuses_what_would_have_no_effect(arguments, message, tmp_path, m
     result = run("run", *arguments)
     assert result.exit_code == 2
     assert message in " ".join(result.output.split())
+
+
+PROGRAM = [sys.executable, "-c", "from signorini.cli.main import main; main()"]
+
+
+def status_when_nobody_reads(command, also_errors):
+    """Exit status and what is said where the reader has gone before anything is written."""
+    read, write = os.pipe()
+    os.close(read)
+    try:
+        result = subprocess.run(command, stdout=write, stderr=write if also_errors else subprocess.PIPE)
+    finally:
+        os.close(write)
+    return result.returncode, result.stderr or b""
+
+
+@pytest.mark.parametrize(
+    ("options", "status", "also_errors"),
+    [
+        (["--json", "-"], 0, False),
+        ([], 0, False),
+        ([], 0, True),
+        (["--solver", "pgs", "--max-iterations", "1"], 1, False),
+        (["missing.hdf5"], 2, True),
+        (["--unknown"], 2, True),
+    ],
+)
+def test_the_status_is_that_of_the_work_though_nobody_reads(folder, options, status, also_errors):
+    found, said = status_when_nobody_reads([*PROGRAM, "solve", folder, *options], also_errors)
+    assert found == status
+    assert b"Exception" not in said
+    assert b"Traceback" not in said
+
+
+@pytest.mark.parametrize("options", [[], ["--json", "-"]])
+def test_a_closed_output_is_one_that_nobody_reads(folder, options):
+    command = shlex.join([*PROGRAM, "solve", str(folder), *options])
+    result = subprocess.run(["bash", "-c", f"{command} >&-"], capture_output=True)
+    assert (result.returncode, result.stderr.strip()) == (0, b"")
+
+
+@pytest.mark.parametrize(("stem", "encoding"), [("kub-ü", "ascii"), ("raw-\udcff", "utf-8")])
+def test_names_that_the_output_cannot_say(folder, stem, encoding):
+    file = (folder / "planted-0.hdf5").rename(folder / f"{stem}.hdf5")
+    options = [], ["--json", "-"], ["--solver", "pgs", "--max-iterations", "1"], [folder / f"{stem}-none.hdf5"]
+    for more, status in zip(options, (0, 0, 1, 2), strict=True):
+        command = [*PROGRAM, "solve", file, *more]
+        result = subprocess.run(command, capture_output=True, env={**os.environ, "PYTHONIOENCODING": encoding})
+        assert result.returncode == status, result.stderr
+        assert b"Traceback" not in result.stderr
+        assert stem[:4].encode() in result.stdout
