@@ -21,6 +21,7 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from signorini import _files
 from signorini._core import InvalidInputError
 from signorini._simulation import Simulator, SimulatorSettings, Trace
 from signorini._world import Array
@@ -139,7 +140,7 @@ class Recorder:
         """source: what the world came from, kept as JSON for `replay`. contacts_every: steps between two samples of
         contacts and energy; default: 10 ms of simulated time.
 
-        Raises OSError where the file cannot be written, InvalidInputError on a bad contacts_every.
+        Raises OSError where the file cannot be written, InvalidInputError on a bad source or contacts_every.
         """
         from signorini.view.looks import Looks
 
@@ -151,12 +152,16 @@ class Recorder:
         self._settled = True  # the last row is the simulator's state
         self._contacts = ContactReader(simulator)
         looks = Looks.of(simulator.world).arrays()
-        self._path = Path(path)
-        self._file = h5py.File(self._path, "w", libver=("v110", "v110"))
+        self._path = _files.checked(path)
+        try:
+            kept = {"source": json.dumps(dict(source)), "settings": json.dumps(asdict(simulator.settings))}
+        except (TypeError, ValueError) as error:
+            raise InvalidInputError(f"source: is {source!r}, must be a mapping that JSON can hold ({error})") from None
+        self._file = h5py.File(self._path, "w", libver=("v110", "v110"))  # its readers look at it while it grows
         attributes = self._file.attrs
         attributes["format"], attributes["version"] = FORMAT, VERSION
-        attributes["source"] = json.dumps(dict(source))
-        attributes["settings"] = json.dumps(asdict(simulator.settings))
+        for name, words in kept.items():
+            attributes[name] = words
         attributes["time_step"] = time_step
         attributes["contacts_every"] = self._every
         attributes["complete"], attributes["state_hash"] = 0, ""

@@ -467,3 +467,13 @@ def test_a_run_has_controls_or_a_controller():
     with pytest.raises(InvalidInputError, match="controls"):
         simulator.run(2, np.zeros((2, 1)), controller=lambda: None)
     assert simulator.run(0, controller=lambda: None).controls.shape == (0, 1)
+
+
+def test_a_bad_source_leaves_what_was_there(tmp_path):
+    path = tmp_path / "kept.h5"
+    path.write_bytes(b"precious")
+    simulator = Simulator(scenes.worlds()["cube-stack"](num_cubes=1).world)
+    for source in ({"a": object()}, 5):
+        with pytest.raises(InvalidInputError, match="source: is .*JSON"):
+            recording.Recorder(path, simulator, source)
+    assert path.read_bytes() == b"precious"

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import math
 import sys
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+
+from signorini import _files
 
 
 def report(errors: Console, error: Any) -> None:
@@ -26,7 +27,7 @@ def write_json(target: str, content: dict[str, Any], errors: Console) -> bool:
             sys.stdout.write(text)
             sys.stdout.flush()
         else:
-            Path(target).write_text(text)
+            _files.write(target, text.encode())
     except OSError as error:
         report(errors, error)
         return False
