@@ -1,6 +1,7 @@
 import json
 import os
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,8 @@ from typer.testing import CliRunner
 
 import signorini
 from signorini import ContactProblem, fclib
+from signorini.cli import check as check_command
+from signorini.cli import solve as solve_command
 from signorini.cli.main import app
 
 
@@ -284,3 +287,88 @@ def test_names_that_the_output_cannot_say(folder, stem, encoding):
         assert result.returncode == status, result.stderr
         assert b"Traceback" not in result.stderr
         assert stem[:4].encode() in result.stdout
+
+
+@pytest.fixture(scope="module")
+def recording_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recording") / "r.h5"
+    assert run("run", "cube-stack", "--duration", "0.01", "--record", path).exit_code == 0
+    return path
+
+
+@pytest.fixture
+def outputs(folder, recording_file, monkeypatch):
+    """A folder with an input for every command, and files that are not inputs."""
+    monkeypatch.chdir(folder)
+    shutil.copy(recording_file, "r.h5")
+    shutil.copy(recording_file, "r.png")
+    shutil.copy(recording_file, "other.h5")
+    Path("robot.urdf").write_text('<robot name="r"><link name="a"/></robot>')
+    Path("link.json").symlink_to("planted-1.hdf5")
+    os.link("planted-1.hdf5", "hard.json")
+    Path("file").write_text("a file")
+    Path("fcl").mkdir()
+    shutil.copy("planted-0.hdf5", "fcl/a.hdf5")
+    return folder
+
+
+def contents(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("solve --json planted-0.hdf5 planted-1.hdf5 planted-0.hdf5", "--json: planted-0.hdf5: is read, must be"),
+        ("solve --json planted-0.hdf5 planted-1.hdf5", "--json: planted-0.hdf5: is an HDF5 file, must be another"),
+        ("solve --json link.json planted-1.hdf5", "--json: link.json: is read"),
+        ("solve --json hard.json planted-1.hdf5", "--json: hard.json: is read"),
+        ("solve --json fcl/../fcl/a.hdf5 fcl", "--json: fcl/../fcl/a.hdf5: is read"),
+        ("solve --json missing.hdf5 missing.hdf5", "--json: missing.hdf5: is read"),
+        ("solve --json fcl planted-1.hdf5", "--json: fcl: is a folder, must be a file"),
+        ("solve --json file/a planted-1.hdf5", "--json: file: there is no such folder for a"),
+        ("solve --json /proc/x planted-1.hdf5", "--json: /proc/x: cannot be written"),
+        ("check robot.urdf --json robot.urdf", "--json: robot.urdf: is read"),
+        ("check robot.urdf --json nowhere/a.json", "--json: nowhere: there is no such folder for a.json"),
+        ("run robot.urdf --json robot.urdf", "--json: robot.urdf: is read"),
+        ("run robot.urdf --record robot.urdf", "--record: robot.urdf: is read"),
+        ("run cube-stack --record .", "--record: .: is a folder, must be a file"),
+        ("run cube-stack --record /proc/x", "--record: /proc/x: cannot be written"),
+        ("run cube-stack --record a --json a", "--json: a: is written by --record too, must be another"),
+        ("run cube-stack --json other.h5", "--json: other.h5: is an HDF5 file"),
+        ("run cube-stack --picture r.png", "--picture: r.png: is an HDF5 file"),
+        ("run cube-stack --video nowhere/a.mp4", "--video: nowhere: there is no such folder for a.mp4"),
+        ("run cube-stack --hardest /proc/x", "--hardest: /proc/x: cannot be written"),
+        ("run cube-stack --hardest file", "--hardest"),
+        ("view r.h5 --html r.h5", "--html: r.h5: is read"),
+        ("view r.h5 --html other.h5", "--html: other.h5: is an HDF5 file"),
+        ("view r.h5 --html /nodir/a.html", "--html: /nodir: there is no such folder for a.html"),
+        ("view r.h5 --fps 10", "--fps: has no effect without --html"),
+        ("picture r.png r.png", "FILE.png: r.png: is read"),
+        ("video r.h5 fcl.mp4/a.mp4", "there is no such folder"),
+        ("experiment scenes --quick --output /proc/x", "--output: /proc/x: cannot be written"),
+        ("experiment all --output /proc/x", "--output: /proc/x: cannot be written"),
+        ("experiment timings --output fcl --write-problems /proc/x", "--write-problems: /proc/x: cannot be written"),
+    ],
+)  # fmt: skip
+def test_outputs_are_looked_at_before_any_work(outputs, monkeypatch, arguments, message):
+    def work(*_, **__):
+        raise AssertionError("work began")
+
+    for name in ("Simulator", "load"):
+        monkeypatch.setattr(signorini, name, work)
+    monkeypatch.setattr(solve_command, "_result", work)
+    monkeypatch.setattr(check_command, "assemble", work)
+    before = contents(outputs)
+    result = run(*arguments.split())
+    assert result.exit_code == 2
+    assert message in " ".join(result.stderr.split())
+    assert contents(outputs) == before
+
+
+def test_other_files_are_overwritten(outputs):
+    Path("old.json").write_text("old")
+    assert run("solve", "planted-0.hdf5", "--json", "old.json").exit_code == 0
+    assert len(load(Path("old.json").read_text())["results"]) == 1
+    assert run("run", "cube-stack", "--duration", "0.01", "--record", "other.h5").exit_code == 0
+    assert run("solve", "planted-0.hdf5", "--json", "/dev/null").exit_code == 0

@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 import signorini
-from signorini.cli._output import finite, report, write_json
+from signorini.cli._output import check_outputs, finite, report, write_json
 from signorini.load import Loaded, _inertia, assemble
 from signorini.load._ground import lowest_point
 from signorini.load._options import Options
@@ -54,6 +54,7 @@ def check(
     """
     errors = Console(stderr=True)
     try:
+        check_outputs({"--json": json_file}, [file])
         options = Options(floating_base=floating, package_dirs=tuple(package_dir or ()), repair_inertia=True)
         result = {"version": signorini.__version__, "file": str(file), **inspect(assemble(file, options), ground)}
     except (signorini.InvalidInputError, OSError, ImportError) as error:

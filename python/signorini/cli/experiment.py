@@ -19,6 +19,7 @@ from rich.markup import escape  # noqa: E402
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: E402
 from rich.table import Table  # noqa: E402
 
+from signorini.cli._output import check_folder, report  # noqa: E402
 from signorini.experiments import (  # noqa: E402
     DataMissingError,
     Options,
@@ -60,13 +61,15 @@ Install = Annotated[
 Family = Annotated[list[str] | None, typer.Option(help="Only this family; may be given several times.")]
 
 
-def _run(experiment: Callable[[Options], Report], options: Options) -> None:
+def _run(experiment: Callable[[Options], Report], options: Options, write_problems: Path | None = None) -> None:
     console = Console()
     errors = Console(stderr=True)
     try:
-        options.output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+        check_folder("--output", options.output)
+        if write_problems is not None:
+            check_folder("--write-problems", write_problems)
+    except ValueError as error:
+        report(errors, error)
         raise typer.Exit(2) from None
     with _bar(errors) as progress:
         task = progress.add_task("", total=None)
@@ -74,12 +77,12 @@ def _run(experiment: Callable[[Options], Report], options: Options) -> None:
             task, completed=done, total=total, description=what
         )
         try:
-            report = experiment(options)
+            result = experiment(options)
         except (DataMissingError, ValueError) as error:
             progress.stop()
-            errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+            report(errors, error)
             raise typer.Exit(2) from None
-    _show(console, report)
+    _show(console, result)
 
 
 def _bar(errors: Console) -> Progress:
@@ -274,7 +277,7 @@ def timings(
     from signorini.experiments import timings as experiment
 
     options = _options(output, None, quick, every, False, None, with_peers)
-    _run(lambda given: experiment.run(given, write_problems), options)
+    _run(lambda given: experiment.run(given, write_problems), options, write_problems)
 
 
 @app.command("all")
@@ -303,13 +306,13 @@ def everything(
         if unknown:
             raise ValueError(f"--skip: is {unknown[0]!r}, must be one of {', '.join(known)}")
         folder = data_directory(data).resolve() if needs_data else None
-        output.mkdir(parents=True, exist_ok=True)
+        check_folder("--output", output)
     except DataMissingError as error:
         hint = " ".join(f"--skip {name}" for name in needs_data)
-        errors.print(f"error: {error}; or leave out what reads them: {hint}", style="red", markup=False, soft_wrap=True)
+        report(errors, f"{error}; or leave out what reads them: {hint}")
         raise typer.Exit(2) from None
-    except (OSError, ValueError) as error:
-        errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+    except ValueError as error:
+        report(errors, error)
         raise typer.Exit(2) from None
     given = {"--quick": quick, "--fresh": fresh, "--no-peers": not with_peers, "--install": install}
     commands = {name: _command(name, callback, output, folder, given) for name, callback in wanted.items()}

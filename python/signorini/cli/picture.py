@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 import signorini
-from signorini.cli._output import report
+from signorini.cli._output import check_outputs, report
 
 if TYPE_CHECKING:
     from signorini.view.picture import Array, Forces, Stage
@@ -52,6 +52,7 @@ def picture(
     errors = Console(stderr=True)
     try:
         checked_suffix(output, ".png")
+        check_outputs({"FILE.png": output}, [file])
         pixels = parse_size(size)
         shown = _recorded(file)
         row = shown.row(time)
@@ -85,6 +86,7 @@ def video(
     errors = Console(stderr=True)
     try:
         checked_suffix(output, ".mp4")
+        check_outputs({"FILE.mp4": output}, [file])
         pixels = parse_size(size, even=True)
         shown = _recorded(file)
         first, length = interval(start, end, shown.duration)

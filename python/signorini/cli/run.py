@@ -18,7 +18,7 @@ from rich.text import Text
 
 import signorini
 from signorini._hardest import Hardest
-from signorini.cli._output import finite, report, write_json
+from signorini.cli._output import check_folder, check_outputs, finite, report, write_json
 from signorini.cli.picture import SIZE, Shots, Size
 from signorini.cli.solve import Law, Solver
 from signorini.cli.view import NoOpen, NoShadows, Port, announce
@@ -133,10 +133,12 @@ def run(
         source = _source(scene, ground, floating, option or [])
         if contacts_every is not None and record is None:
             raise signorini.InvalidInputError("--contacts-every: has no effect without --record")
-        if json_file not in (None, "-") and not Path(str(json_file)).parent.is_dir():
-            raise signorini.InvalidInputError(f"--json: {Path(str(json_file)).parent}: there is no such folder")
-        if record is not None and not record.parent.is_dir():
-            raise signorini.InvalidInputError(f"--record: {record.parent}: there is no such folder")
+        check_outputs(
+            {"--record": record, "--picture": picture, "--video": video, "--json": json_file},
+            [Path(source["file"])] if "file" in source else [],
+        )
+        if hardest is not None:
+            check_folder("--hardest", hardest)
         start = world, q, v = load_source(source)
         simulator = signorini.Simulator(world, time_step=dt, law=law.value, solver=solver.value, tolerance=tolerance)
         simulator.state.q, simulator.state.v = q, v
@@ -146,8 +148,6 @@ def run(
             raise signorini.InvalidInputError(f"duration: is {length}, must be in (0, 1e6] s")
         for warning in world.warnings:
             errors.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
-        if hardest is not None:
-            hardest.mkdir(parents=True, exist_ok=True)
         kept = Hardest(simulator) if hardest is not None else None
         steps = max(1, round(length / dt))
         drawn = picture is not None or picture_time is not None or video is not None

@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 import signorini
-from signorini.cli._output import finite, report, write_json
+from signorini.cli._output import check_outputs, finite, report, write_json
 
 Result = dict[str, Any]
 COLUMNS = {
@@ -95,6 +95,11 @@ def solve(
         report(errors, error)
         raise typer.Exit(2) from None
     paths, bad_input = _expand(files, errors)
+    try:
+        check_outputs({"--json": json_file}, paths)
+    except signorini.InvalidInputError as error:
+        report(errors, error)
+        raise typer.Exit(2) from None
     results: list[Result] = []
     with Progress(
         TextColumn("solving"),
