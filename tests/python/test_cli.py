@@ -372,3 +372,31 @@ def test_other_files_are_overwritten(outputs):
     assert len(load(Path("old.json").read_text())["results"]) == 1
     assert run("run", "cube-stack", "--duration", "0.01", "--record", "other.h5").exit_code == 0
     assert run("solve", "planted-0.hdf5", "--json", "/dev/null").exit_code == 0
+
+
+def test_names_are_shown_as_they_are(folder, monkeypatch):
+    """Neither as emoji nor as markup, in tables, titles and errors of every command."""
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("COLUMNS", "200")
+    name = "a:smile:b[bold]c"
+    shutil.copy("planted-0.hdf5", f"{name}.hdf5")
+    inertial = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    Path(f"{name}.urdf").write_text(f'<robot name="r"><link name="{name}">{inertial}</link></robot>')
+    for command, status in (
+        (["solve", f"{name}.hdf5"], 0),
+        (["solve", f"{name}.hdf5", "--solver", "pgs", "--max-iterations", "1"], 1),
+        (["solve", f"{name}-none.hdf5"], 2),
+        (["check", f"{name}.urdf"], 0),
+        (["check", f"{name}-none.urdf"], 2),
+        (["run", f"{name}.urdf", "--duration", "0.01", "--floating"], 0),
+        (["run", f"{name}-none"], 2),
+        (["run", f"{name}.urdf", "--record", f"{name}/a"], 2),
+        (["replay", f"{name}.h5"], 2),
+        (["experiment", "profiles", "--output", ".", "--data", name], 2),
+        (["experiment", "all", "--output", ".", "--skip", name], 2),
+        (["solve", "--law", name, "a"], 2),
+        ([name], 2),
+    ):
+        result = run(*command)
+        assert result.exit_code == status, result.output
+        assert name in result.output.replace("\n", ""), command

@@ -16,10 +16,15 @@ from rich.console import Console
 from signorini import InvalidInputError, _files
 
 
+def printer(*, stderr: bool = False, width: int | None = None) -> Console:
+    """What prints all text as it is: file names may look like markup, or like emoji by name."""
+    return Console(stderr=stderr, width=width, markup=False, emoji=False, highlight=False)
+
+
 def report(errors: Console, error: Any) -> None:
     if isinstance(error, OSError) and error.strerror:
         error = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+    errors.print(f"error: {error}", style="red", soft_wrap=True)
 
 
 def finite(value: float) -> float | None:

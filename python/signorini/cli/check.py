@@ -12,10 +12,9 @@ import numpy.typing as npt
 import typer
 from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
 import signorini
-from signorini.cli._output import check_outputs, finite, report, write_json
+from signorini.cli._output import check_outputs, finite, printer, report, write_json
 from signorini.load import Loaded, _inertia, assemble
 from signorini.load._ground import lowest_point
 from signorini.load._options import Options
@@ -52,7 +51,7 @@ def check(
 
     Exit status: 0 when all is well, 1 when there are problems, 2 when it cannot be loaded.
     """
-    errors = Console(stderr=True)
+    errors = printer(stderr=True)
     try:
         check_outputs({"--json": json_file}, [file])
         options = Options(floating_base=floating, package_dirs=tuple(package_dir or ()), repair_inertia=True)
@@ -212,7 +211,7 @@ def _first_step(simulator: signorini.Simulator) -> dict[str, Any]:
 
 
 def _print(result: dict[str, Any]) -> None:
-    console = Console()
+    console = printer()
     first = result["first_step"]
     shapes = ", ".join(f"{count} {name}" for name, count in result["geometries"].items())
     floor = "none" if result["ground_m"] is None else f"z = {result['ground_m']:.6g} m"
@@ -228,7 +227,7 @@ def _print(result: dict[str, Any]) -> None:
         "first step: condition": _number(first["condition"]),
         "first step: certificate": f"{first['status']}, {_number(first['relative'])}",
     }
-    table = Table(title=Text(Path(result["file"]).name), show_header=False)
+    table = Table(title=Path(result["file"]).name, show_header=False)
     table.add_column()
     table.add_column(justify="right")
     for key, value in rows.items():
@@ -276,11 +275,11 @@ def _print(result: dict[str, Any]) -> None:
         ],
     )
     for warning in result["warnings"]:
-        console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+        console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
     for problem in result["problems"]:
-        console.print(f"problem: {problem}", style="red", markup=False, highlight=False, soft_wrap=True)
+        console.print(f"problem: {problem}", style="red", soft_wrap=True)
     count = len(result["problems"])
-    console.print("no problems" if not count else f"{count} problem{'s' if count > 1 else ''}", highlight=False)
+    console.print("no problems" if not count else f"{count} problem{'s' if count > 1 else ''}")
 
 
 def _table(console: Console, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
@@ -290,9 +289,9 @@ def _table(console: Console, columns: tuple[str, ...], rows: list[tuple[str, ...
     table = Table()
     for column in columns:
         words = column in ("body", "joint", "actuator", "type", "acts on", "mesh of", "becomes")
-        table.add_column(Text(column), justify="left" if words else "right")
+        table.add_column(column, justify="left" if words else "right")
     for row in rows:
-        table.add_row(*(cell.replace("[", r"\[") for cell in row))
+        table.add_row(*row)
     console.print(table)
 
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 import signorini
-from signorini.cli._output import check_outputs, report
+from signorini.cli._output import check_outputs, printer, report
 
 if TYPE_CHECKING:
     from signorini.view.picture import Array, Forces, Stage
@@ -49,7 +49,7 @@ def picture(
     """
     from signorini.view.picture import checked_suffix, write_png
 
-    errors = Console(stderr=True)
+    errors = printer(stderr=True)
     try:
         checked_suffix(output, ".png")
         check_outputs({"FILE.png": output}, [file])
@@ -83,7 +83,7 @@ def video(
     from signorini.view.recorded import interval
     from signorini.view.video import rows
 
-    errors = Console(stderr=True)
+    errors = printer(stderr=True)
     try:
         checked_suffix(output, ".mp4")
         check_outputs({"FILE.mp4": output}, [file])

@@ -14,11 +14,10 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
-from rich.text import Text
 
 import signorini
 from signorini._hardest import Hardest
-from signorini.cli._output import check_folder, check_outputs, finite, report, write_json
+from signorini.cli._output import check_folder, check_outputs, finite, printer, report, write_json
 from signorini.cli.picture import SIZE, Shots, Size
 from signorini.cli.solve import Law, Solver
 from signorini.cli.view import NoOpen, NoShadows, Port, announce
@@ -128,7 +127,7 @@ def run(
 
     Exit status: 0 when every step was solved, 1 when one was not, 2 on bad input.
     """
-    errors = Console(stderr=True)
+    errors = printer(stderr=True)
     try:
         source = _source(scene, ground, floating, option or [])
         if contacts_every is not None and record is None:
@@ -147,7 +146,7 @@ def run(
         if not 0.0 < length <= 1e6:
             raise signorini.InvalidInputError(f"duration: is {length}, must be in (0, 1e6] s")
         for warning in world.warnings:
-            errors.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+            errors.print(f"warning: {warning}", style="yellow", soft_wrap=True)
         kept = Hardest(simulator) if hardest is not None else None
         steps = max(1, round(length / dt))
         drawn = picture is not None or picture_time is not None or video is not None
@@ -330,7 +329,7 @@ def _stoppable() -> Iterator[Callable[[], None]]:
 
 
 def print_result(result: dict[str, Any]) -> None:
-    table = Table(title=Text(result["scene"]), show_header=False)
+    table = Table(title=result["scene"], show_header=False)
     table.add_column()
     table.add_column(justify="right")
     times, solver, certificate, physics = (result[key] for key in ("step_time_us", "solver", "certificate", "physics"))
@@ -349,8 +348,8 @@ def print_result(result: dict[str, Any]) -> None:
         "state": result["state_hash"],
     }
     for key, value in rows.items():
-        table.add_row(Text(key), value)  # as text: markup would swallow units
-    Console().print(table)
+        table.add_row(key, value)
+    printer().print(table)
 
 
 def replay(
@@ -365,7 +364,7 @@ def replay(
     """
     from signorini import recording
 
-    errors = Console(stderr=True)
+    errors = printer(stderr=True)
     try:
         held = recording.read(file)
         name = held.source.get("scene") or held.source.get("file")
@@ -392,7 +391,7 @@ def list_scenes() -> None:
 
     table = Table()
     for column in ("scene", "duration [s]", "what happens", "from"):
-        table.add_column(Text(column))
+        table.add_column(column)
     for scene in scenes.worlds().values():
         table.add_row(scene.name, f"{scene.duration:g}", scene.description, scene.source)
-    Console().print(table)
+    printer().print(table)

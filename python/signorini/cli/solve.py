@@ -10,12 +10,12 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
 
 import signorini
-from signorini.cli._output import check_outputs, finite, report, write_json
+from signorini.cli._output import check_outputs, finite, printer, report, write_json
 
 Result = dict[str, Any]
 COLUMNS = {
@@ -79,7 +79,7 @@ def solve(
 
     Exit status: 0 when all are solved, 1 when one is not, 2 on bad input.
     """
-    errors = Console(stderr=True)
+    errors = printer(stderr=True)
     options: dict[str, Any] = {
         "solver": solver.value,
         "law": law.value,
@@ -155,9 +155,9 @@ def _print_table(results: list[Result], tolerance: float) -> None:
         status = result["status"]
         solved += status == "solved"
         table.add_row(
-            escape(result["name"]),
+            result["name"],
             result["solver"],
-            status if status == "solved" else f"[red]{status}[/red]",
+            Text(status, style="" if status == "solved" else "red"),
             str(result["num_contacts"]),
             str(result["iterations"]),
             str(result["factorizations"]),
@@ -165,12 +165,12 @@ def _print_table(results: list[Result], tolerance: float) -> None:
             *("nan" if (value := result["residual"][key]) is None else f"{value:.1e}" for key in COLUMNS),
         )
     # Into a file or a pipe: as wide as the table needs, nothing cut off.
-    console = Console() if sys.stdout.isatty() else Console(width=200)
+    console = printer() if sys.stdout.isatty() else printer(width=200)
     console.print(table)
-    console.print(f"{solved} of {len(results)} solved", highlight=False)
+    console.print(f"{solved} of {len(results)} solved")
     unbounded = [result["name"] for result in results if _grows_without_bound(result, tolerance)]
     if unbounded:
-        console.print(f"perhaps without solution (impulses grow without bound): {', '.join(unbounded)}", markup=False)
+        console.print(f"perhaps without solution (impulses grow without bound): {', '.join(unbounded)}")
 
 
 def _grows_without_bound(result: Result, tolerance: float) -> bool:

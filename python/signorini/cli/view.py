@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 import signorini
-from signorini.cli._output import check_outputs, report
+from signorini.cli._output import check_outputs, printer, report
 
 if TYPE_CHECKING:
     from signorini.view.looks import Looks
@@ -41,7 +40,7 @@ def view(
 
     Exit status: 0 when all is well, 2 on bad input.
     """
-    errors = Console(stderr=True)
+    errors = printer(stderr=True)
     try:
         from signorini import recording
         from signorini.view import viewer
