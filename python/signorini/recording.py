@@ -21,7 +21,7 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from signorini import _files
+from signorini import _arrays, _files
 from signorini._core import InvalidInputError
 from signorini._simulation import Simulator, SimulatorSettings, Trace
 from signorini._world import Array
@@ -145,9 +145,9 @@ class Recorder:
         from signorini.view.looks import Looks
 
         time_step = simulator.settings.time_step
-        self._every = max(1, round(SAMPLE_SECONDS / time_step)) if contacts_every is None else int(contacts_every)
-        if self._every < 1:
-            raise InvalidInputError(f"contacts_every: is {contacts_every}, must be at least 1")
+        self._every = max(1, round(SAMPLE_SECONDS / time_step))
+        if contacts_every is not None:
+            self._every = _arrays.count("contacts_every", contacts_every, 1)
         self._simulator = simulator
         self._settled = True  # the last row is the simulator's state
         self._contacts = ContactReader(simulator)
