@@ -226,6 +226,8 @@ def test_numbers_that_are_not_finite_become_null(folder, monkeypatch):
         (["cube-stack", "--ground"], "--ground: is for files"),
         (["cube-stack", "--floating"], "is for files"),
         (["cube-stack", "--contacts-every", "5"], "--contacts-every: has no effect without --record"),
+        (["cube-stack", "--record", "a.h5", "--contacts-every", "0"], "contacts_every: is 0, must be in [1, 2^31)"),
+        (["cube-stack", "--record", "a.h5", "--contacts-every", "2147483648"], "contacts_every: is 2147483648"),
         (["cube-stack", "--json", "nowhere/a.json"], "--json: nowhere: there is no such folder"),
         (["cube-stack", "--record", "nowhere/a.h5"], "--record: nowhere: there is no such folder"),
         (["."], "is no file"),
@@ -287,6 +289,24 @@ def test_names_that_the_output_cannot_say(folder, stem, encoding):
         assert result.returncode == status, result.stderr
         assert b"Traceback" not in result.stderr
         assert stem[:4].encode() in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("option", "said", "inside", "outside"),
+    [
+        ("--tolerance", "in (0, 1)", ["1e-300", "0.999999"], ["0", "1"]),
+        ("--max-iterations", "At least 1;", ["1", "2147483647"], ["0", "2147483648"]),
+        ("--facets", "even, 4 to 64", ["4", "64"], ["2", "5", "66"]),
+        ("--impedance", "in [0.001, 1 - 1e-6]", ["0.001", "0.999999"], ["0.0009", "0.9999999"]),
+    ],
+)
+def test_the_range_that_help_says_is_the_one_that_holds(tmp_path, monkeypatch, option, said, inside, outside):
+    monkeypatch.setenv("COLUMNS", "200")
+    empty = ContactProblem(np.zeros((0, 0)), [], [])
+    fclib.write(tmp_path / "empty.hdf5", empty)
+    assert said in run("solve", "--help").stdout
+    for value, status in [*((value, 0) for value in inside), *((value, 2) for value in outside)]:
+        assert run("solve", tmp_path, option, value).exit_code == status, value
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 SIZE = "1280x720"
 
 File = Annotated[Path, typer.Argument(metavar="RECORDING", help="What `run --record` wrote.")]
-Size = Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Pixels, each in [16, 4096].")]
+Size = Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Pixels, each in [16, 4096]; of films even.")]
 Collision = Annotated[bool, typer.Option("--collision", help="Draw what collides in place of what is seen.")]
 ShowForces = Annotated[bool, typer.Option("--forces/--no-forces", help="Arrows for contact forces.")]
 

@@ -84,7 +84,7 @@ def run(
         typer.Argument(metavar="SCENE|FILE", help="A scene of `signorini scenes`, or a robot file (URDF, MJCF, SDF)."),
     ],
     duration: Annotated[
-        float | None, typer.Option(help="Simulated time in s; default: the scene's own; of files, 2 s.")
+        float | None, typer.Option(help="Simulated time in s, in (0, 1e6]; default: the scene's own; of files, 2 s.")
     ] = None,
     dt: Annotated[float, typer.Option(help="Time step in s, in [1e-6, 0.1].")] = 1e-3,
     ground: Annotated[
@@ -106,7 +106,7 @@ def run(
     record: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep states and certificates (HDF5).")] = None,
     contacts_every: Annotated[
         int | None,
-        typer.Option(metavar="STEPS", help="With --record: keep the contacts of every so many; default: 10 ms."),
+        typer.Option(metavar="STEPS", help="With --record: contacts of every so many, at least 1; default: 10 ms."),
     ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show it on a web page while it runs.")] = False,
     port: Port = 8080,

@@ -61,12 +61,12 @@ def solve(
     law: Annotated[Law, typer.Option(help="Signorini and Coulomb (ncp), or its convex relaxation (ccp).")] = Law.NCP,
     tolerance: Annotated[float, typer.Option(help="On the certificate, in (0, 1).")] = 1e-6,
     max_iterations: Annotated[
-        int | None, typer.Option(help="Of auto: factorizations, about. Default: the solver's own.")
+        int | None, typer.Option(help="At least 1; of auto: factorizations, about. Default: the solver's own.")
     ] = None,
     penalty_rule: Annotated[PenaltyRule, typer.Option(help="How ADMM moves rho.")] = PenaltyRule.RESIDUAL_BALANCING,
     facets: Annotated[int, typer.Option(help="Sides of lcp-pgs' friction pyramid: even, 4 to 64.")] = 4,
     impedance: Annotated[
-        float, typer.Option(help="Of convex-newton: d, in [0.001, 1); its compliance is (1 - d) / d.")
+        float, typer.Option(help="Of convex-newton: d, in [0.001, 1 - 1e-6]; its compliance is (1 - d) / d.")
     ] = 0.9,
     operator: Annotated[
         Operator | None, typer.Option(help="Explicit matrix or mass matrix; default: what the file holds.")
