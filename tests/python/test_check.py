@@ -211,6 +211,15 @@ def test_bad_use(tmp_path):
     assert "nothing that collides" in run(urdf(tmp_path, '<link name="a"/>'), "--ground").stderr
 
 
+def test_a_floor_that_nothing_touches_is_refused_by_run_too(tmp_path):
+    file = urdf(tmp_path, f'<link name="a"><inertial><mass value="1"/>{INERTIA}</inertial></link>')
+    for command in (["check", file], ["run", file, "--floating", "--duration", "0.01"]):
+        for options, status in (([], 0), (["--ground"], 2)):
+            result = CliRunner().invoke(app, [str(part) for part in [*command, *options]])
+            assert result.exit_code == status, result.output
+            assert ("has nothing that collides, --ground has no use" in result.stderr) == (status == 2)
+
+
 def test_json_has_these_fields(tmp_path):
     target = tmp_path / "result.json"
     assert run(urdf(tmp_path, link(), link("b"), joint("b", "0 0 1", "revolute")), "--json", target).exit_code == 0

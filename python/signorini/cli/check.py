@@ -70,9 +70,7 @@ def inspect(loaded: Loaded, ground: bool = False) -> dict[str, Any]:
     """What --json writes, but version and file. warnings: what is not carried over; problems: what is wrong."""
     world, height = loaded.world, None
     if ground:
-        height = lowest_point(world)
-        if height is None:
-            raise signorini.InvalidInputError(f"{loaded.added.file}: has nothing that collides, --ground has no use")
+        height = floor_height(world, loaded.added.file)
         loaded.builder.add_ground(height=height)
         world = loaded.builder.build()
     bodies = [_body(body) for body in world.bodies[1:] if body.mass > 0.0]
@@ -120,6 +118,14 @@ def inspect(loaded: Loaded, ground: bool = False) -> dict[str, Any]:
         "warnings": list(world.warnings),
         "problems": problems,
     }
+
+
+def floor_height(world: signorini.World, file: Any) -> float:
+    """Where --ground puts the floor [m]. Raises InvalidInputError where nothing could touch it."""
+    height = lowest_point(world)
+    if height is None:
+        raise signorini.InvalidInputError(f"{file}: has nothing that collides, --ground has no use")
+    return height
 
 
 def _body(body: Any) -> dict[str, Any]:
