@@ -35,10 +35,14 @@ def load_source(source: Source) -> tuple[signorini.World, Any, Any]:
     if "scene" in source:
         from signorini import scenes
 
-        known = scenes.worlds()
-        if source["scene"] not in known:
-            raise signorini.InvalidInputError(f"scene: there is no {source['scene']!r}; there are {', '.join(known)}")
-        return known[source["scene"]](**source.get("options", {}))
+        known, scene, options = scenes.worlds(), source["scene"], source.get("options", {})
+        if not isinstance(scene, str) or scene not in known:
+            raise signorini.InvalidInputError(f"scene: there is no {scene!r}; there are {', '.join(known)}")
+        if not isinstance(options, dict):
+            raise signorini.InvalidInputError(f"options: is {options!r}, must be values by name")
+        return known[scene](**options)
+    if "file" not in source:
+        raise signorini.InvalidInputError(f"source: is {source!r}, must name a scene or a file")
     world = signorini.load(
         source["file"], ground=source.get("ground", False), floating_base=source.get("floating_base")
     )
@@ -370,7 +374,7 @@ def replay(
     errors = printer(stderr=True)
     try:
         held = recording.read(file)
-        name = held.source.get("scene") or held.source.get("file")
+        name = held.source.get("scene") or held.source.get("file") or "of unknown origin"
         how = "complete" if held.complete else "interrupted"
         print(f"{file}: {name}, {held.num_steps} steps of {1e3 * held.settings.time_step:g} ms, {how}")
         print(f"worst certificate {held.relative.max(initial=0.0):.1e}, state {held.state_hash or 'unknown'}")
@@ -384,7 +388,7 @@ def replay(
     if different is None:
         print("every state the same, bit for bit")
         return
-    report(errors, f"state after step {different} differs")
+    report(errors, f"state after step {different} differs" if different >= 0 else "state at the start differs")
     raise typer.Exit(1)
 
 

@@ -25,7 +25,9 @@ from typing import TYPE_CHECKING, Literal, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from signorini import _arrays
 from signorini._core import InvalidInputError
+from signorini._files import checked
 from signorini.load import _xml, mesh
 from signorini.load._ground import lowest_point
 from signorini.load._options import Added, Compliance, Options
@@ -92,7 +94,7 @@ def load(
         decompose=decompose,
     )
     loaded = assemble(
-        Path(path),
+        checked(path),
         options,
         format=format,
         ground=ground,
@@ -139,7 +141,7 @@ def assemble(
         raise InvalidInputError("gravity: must not be given together with a builder, which has its own")
     added = _add(builder, source, options, self_collision, srdf)
     if ground is not False and ground != "touching":
-        builder.add_ground(ground_material, 0.0 if ground is True else float(ground))
+        builder.add_ground(ground_material, 0.0 if ground is True else _arrays.number("ground", ground))
     if exclude_overlapping is None:
         exclude_overlapping = format != "mjcf"
     world = _named(path, builder.build)
