@@ -369,7 +369,7 @@ def _open(path: Path) -> Any:
     """Its writer may be at work, or may have been killed; then the file says so, and HDF5 opens it on request only."""
     with path.open("rb") as file:
         head = file.read(36)
-    unfinished = len(head) == 36 and head[8] == 3 and head[11] & 5 == 5  # superblock of version 3: flags, end at 28
+    unfinished = len(head) == 36 and head[8] == 3 and head[11] == 5  # superblock of version 3: flags, end at 28
     if unfinished and int.from_bytes(head[28:36], "little") > path.stat().st_size:
         raise OSError("it is cut off")  # HDF5 would wait for the rest to be written
     return h5py.File(path, "r", swmr=unfinished)

@@ -537,6 +537,15 @@ def test_every_claim_of_a_recording_is_checked(recorded, tmp_path, change, messa
     assert invoke("replay", path, "--verify").exit_code == 2
 
 
+def test_flags_that_no_writer_sets_are_damage(recorded, tmp_path):
+    """Taken for those of an unfinished file, HDF5 would wait for somebody to mend it."""
+    content = bytearray(recorded.read_bytes())
+    content[11] = 61
+    (tmp_path / "flags.h5").write_bytes(content)
+    with pytest.raises(InvalidInputError, match="not a readable recording"):
+        recording.read(tmp_path / "flags.h5")
+
+
 def test_a_recording_claims_no_more_than_its_file_holds(recorded, tmp_path):
     def claim(file):
         del file["seconds"]
