@@ -211,13 +211,15 @@ def test_bad_use(tmp_path):
     assert "nothing that collides" in run(urdf(tmp_path, '<link name="a"/>'), "--ground").stderr
 
 
-def test_a_floor_that_nothing_touches_is_refused_by_run_too(tmp_path):
+def test_a_floor_that_nothing_touches_is_warned_of_as_by_run(tmp_path):
     file = urdf(tmp_path, f'<link name="a"><inertial><mass value="1"/>{INERTIA}</inertial></link>')
     for command in (["check", file], ["run", file, "--floating", "--duration", "0.01"]):
-        for options, status in (([], 0), (["--ground"], 2)):
+        for options, warned in (([], False), (["--ground"], True)):
             result = CliRunner().invoke(app, [str(part) for part in [*command, *options]])
-            assert result.exit_code == status, result.output
-            assert ("has nothing that collides, --ground has no use" in result.stderr) == (status == 2)
+            assert result.exit_code == 0, result.output
+            assert ("the ground touches nothing; it is at z = 0" in result.stderr) == warned
+    assert checked(file, "--ground")["ground_m"] == 0.0
+    assert run(file, "--ground", "--strict").exit_code == 1
 
 
 def test_json_has_these_fields(tmp_path):

@@ -16,7 +16,7 @@ from rich.table import Table
 import signorini
 from signorini.cli._output import check_outputs, finite, printer, report, write_json
 from signorini.load import Loaded, _inertia, assemble
-from signorini.load._ground import lowest_point
+from signorini.load._ground import NOTHING_TOUCHES, add_touching_ground
 from signorini.load._options import Options
 
 Array = npt.NDArray[np.float64]
@@ -62,7 +62,7 @@ def check(
     if json_file is not None and not write_json(json_file, result, errors):
         raise typer.Exit(2)
     if json_file != "-":
-        _print(result)
+        _print(result, errors)
     raise typer.Exit(1 if result["problems"] or (strict and result["warnings"]) else 0)
 
 
@@ -70,8 +70,7 @@ def inspect(loaded: Loaded, ground: bool = False) -> dict[str, Any]:
     """What --json writes, but version and file. warnings: what is not carried over; problems: what is wrong."""
     world, height = loaded.world, None
     if ground:
-        height = floor_height(world, loaded.added.file)
-        loaded.builder.add_ground(height=height)
+        height = add_touching_ground(loaded.builder, world, loaded.added.file.name)
         world = loaded.builder.build()
     bodies = [_body(body) for body in world.bodies[1:] if body.mass > 0.0]
     moving = {world.bodies[index].frame for index in range(1, len(world.bodies))} - {world.bodies[0].frame}
@@ -118,14 +117,6 @@ def inspect(loaded: Loaded, ground: bool = False) -> dict[str, Any]:
         "warnings": list(world.warnings),
         "problems": problems,
     }
-
-
-def floor_height(world: signorini.World, file: Any) -> float:
-    """Where --ground puts the floor [m]. Raises InvalidInputError where nothing could touch it."""
-    height = lowest_point(world)
-    if height is None:
-        raise signorini.InvalidInputError(f"{file}: has nothing that collides, --ground has no use")
-    return height
 
 
 def _body(body: Any) -> dict[str, Any]:
@@ -216,7 +207,7 @@ def _first_step(simulator: signorini.Simulator) -> dict[str, Any]:
     }
 
 
-def _print(result: dict[str, Any]) -> None:
+def _print(result: dict[str, Any], errors: Console) -> None:
     console = printer()
     first = result["first_step"]
     shapes = ", ".join(f"{count} {name}" for name, count in result["geometries"].items())
@@ -281,7 +272,8 @@ def _print(result: dict[str, Any]) -> None:
         ],
     )
     for warning in result["warnings"]:
-        console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
+        of_option = NOTHING_TOUCHES in warning  # not of the file, which the report is about
+        (errors if of_option else console).print(f"warning: {warning}", style="yellow", soft_wrap=True)
     for problem in result["problems"]:
         console.print(f"problem: {problem}", style="red", soft_wrap=True)
     count = len(result["problems"])

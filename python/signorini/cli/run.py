@@ -18,7 +18,6 @@ from rich.table import Table
 import signorini
 from signorini._hardest import Hardest
 from signorini.cli._output import check_folder, check_outputs, finite, printer, report, write_json
-from signorini.cli.check import floor_height
 from signorini.cli.picture import SIZE, Shots, Size
 from signorini.cli.solve import Law, Solver
 from signorini.cli.view import NoOpen, NoShadows, Port, announce
@@ -144,8 +143,6 @@ def run(
         if hardest is not None:
             check_folder("--hardest", hardest)
         start = world, q, v = load_source(source)
-        if ground:
-            floor_height(world, scene)
         simulator = signorini.Simulator(world, time_step=dt, law=law.value, solver=solver.value, tolerance=tolerance)
         simulator.state.q, simulator.state.v = q, v
         controller = controller_of(source, simulator, start)

@@ -29,7 +29,7 @@ from signorini import _arrays
 from signorini._core import InvalidInputError
 from signorini._files import checked
 from signorini.load import _xml, mesh
-from signorini.load._ground import lowest_point
+from signorini.load._ground import add_touching_ground
 from signorini.load._options import Added, Compliance, Options
 from signorini.load._placement import Placement, from_quaternion
 
@@ -152,10 +152,7 @@ def assemble(
         if exclude_overlapping_pairs(builder, world, [added], configurations):
             world = _named(path, builder.build)
     if ground == "touching":
-        height = lowest_point(world)
-        if height is None:
-            builder.warn(f"{path.name}: has nothing that collides, so the ground touches nothing; it is at z = 0")
-        builder.add_ground(ground_material, height or 0.0)
+        add_touching_ground(builder, world, path.name, ground_material)
         world = _named(path, builder.build)
     return Loaded(world, builder, added)
 
