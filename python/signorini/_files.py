@@ -54,12 +54,16 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
 
     Devices, pipes and what lies in a folder that takes no new files are written to as they are. Raises OSError.
     """
-    target = Path(os.path.realpath(checked(path)))  # a link stays one
+    given = checked(path)
+    if given.exists() and not (given.is_file() or given.is_dir()):
+        yield given
+        return
+    target = Path(os.path.realpath(given))  # a link stays one
     if target.is_dir() or not target.parent.is_dir():
         code = errno.EISDIR if target.is_dir() else errno.ENOENT
         raise OSError(code, os.strerror(code), str(path))
     there = target.exists()
-    if there and not (target.is_file() and os.access(target.parent, os.W_OK) and os.access(target, os.W_OK)):
+    if there and not (os.access(target.parent, os.W_OK) and os.access(target, os.W_OK)):
         yield target
         return
     beside = target.with_name(f".signorini-{secrets.token_hex(8)}{target.suffix[:16]}")

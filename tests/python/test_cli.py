@@ -392,6 +392,9 @@ def test_other_files_are_overwritten(outputs):
     assert len(load(Path("old.json").read_text())["results"]) == 1
     assert run("run", "cube-stack", "--duration", "0.01", "--record", "other.h5").exit_code == 0
     assert run("solve", "planted-0.hdf5", "--json", "/dev/null").exit_code == 0
+    command = shlex.join([*PROGRAM, "solve", "planted-0.hdf5"])
+    result = subprocess.run(["bash", "-c", f"{command} --json >(cat >&2)"], capture_output=True, text=True, check=True)
+    assert '"status": "solved"' in result.stderr
 
 
 def test_names_are_shown_as_they_are(folder, monkeypatch):
