@@ -59,9 +59,9 @@ class Hardest:
                 left_out += 1
                 continue
             path = folder / f"{Path(scene).stem}-{-minus_step:06d}.hdf5"
-            fclib.write(
-                path, contacts, title=path.stem, description=f"{cost} factorisations, starting from the step before"
-            )
+            title = path.stem.encode(errors="backslashreplace").decode()
+            said = f"{cost} factorisations, starting from the step before"
+            fclib.write(path, contacts, title=title, description=said)
             files.append(path)
         return files, left_out
 

@@ -79,7 +79,7 @@ class SimulatorSettings:
             raise InvalidInputError(f"law: is {self.law!r}, must be 'ncp' or 'ccp'")
         core.law = _core.Law.__members__[self.law]
         solvers = _core.SolverType.__members__
-        if self.solver not in solvers:
+        if not isinstance(self.solver, str) or self.solver not in solvers:
             raise InvalidInputError(f"solver: is {self.solver!r}, must be one of {', '.join(map(repr, solvers))}")
         core.solver = solvers[self.solver]
         if self.max_iterations is not None:

@@ -2,11 +2,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, field, fields
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from signorini import _core
+from signorini import _arrays, _core
+
+
+def check_tolerance(tolerance: Any) -> None:
+    if not 0.0 < _arrays.number("tolerance", tolerance) < 1.0:
+        raise _core.InvalidInputError(f"tolerance: is {tolerance}, must be in (0, 1)")
 
 
 @dataclass(frozen=True)
@@ -34,7 +40,11 @@ class Residual:
     dissipation: float
 
     def solves(self, tolerance: float) -> bool:
-        """What "solved" means: relative within the tolerance, against_free_velocity within 1000 tolerances and 0.1."""
+        """What "solved" means: relative within the tolerance, against_free_velocity within 1000 tolerances and 0.1.
+
+        Raises InvalidInputError on a tolerance outside (0, 1).
+        """
+        check_tolerance(tolerance)
         return self.relative <= tolerance and self.against_free_velocity <= _core.Residual.largest_share(tolerance)
 
     def to_dict(self) -> dict[str, float]:

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
+from signorini import _files
 from signorini._core import InvalidInputError, __version__
 from signorini._problem import Constraint, ContactProblem, Equality, FrictionCone, check_problem
 from signorini._solution import Solution
@@ -97,7 +97,8 @@ def write(
     """Writes a local FCLIB file, and J and M as /signorini_dynamics when the problem was made from them.
 
     Compliance is added to W, since the layout has no place of its own for it. Raises InvalidInputError when the problem
-    holds other constraints than friction cones followed by equalities, or the solution is of another size.
+    holds other constraints than friction cones followed by equalities, the solution is of another size, or a text is
+    none. A file that is there is replaced at the end, or stays as it is.
     """
     import h5py
     import scipy.sparse as sp
@@ -111,10 +112,12 @@ def write(
         raise InvalidInputError("problem: has other constraints than friction cones and then equalities; FCLIB has not")
     if solution is not None and solution.impulse.shape != (n,):
         raise InvalidInputError(f"solution: has {solution.impulse.size} entries, must have {n}")
+    texts = {"title": _files.text("title", title) or _files.text("problem.name", problem.name)}
+    texts["description"] = _files.text("description", description)
 
     order = _from_ours(n, contact_rows)
     w = sp.csc_array(problem.delassus + sp.diags_array(problem.compliance))[order][:, order]
-    with h5py.File(path, "w") as file:
+    with _files.replacing(path) as target, h5py.File(target, "w") as file:
         local = file.create_group("fclib_local")
         local["spacedim"] = np.array([3], np.int32)
         local["vectors/q"] = problem.free_velocity[order][:contact_rows]
@@ -125,8 +128,8 @@ def write(
             _write_matrix(local, "R", w[contact_rows:, contact_rows:])
             local["vectors/s"] = problem.free_velocity[order][contact_rows:]
         info = local.create_group("info")
-        for key, text in (("title", title or problem.name), ("description", description)):
-            info[key] = np.bytes_(text.encode() or b" ")
+        for key, text in texts.items():
+            info[key] = np.bytes_(text or b" ")
         info["math_info"] = np.bytes_(f"written by signorini {__version__}")
         if problem.mass is not None and problem.jacobian is not None and not problem.compliance.any():
             _write_matrix(file, "signorini_dynamics/M", problem.mass)
@@ -164,7 +167,10 @@ class _File:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         import h5py
 
-        self.path = Path(path)
+        self.path = _files.checked(path)
+        special = _files.special(self.path)
+        if special is not None:
+            self.fail("", f"is {special}, must be a regular file: HDF5 goes back and forth in it")
         with open(self.path, "rb") as raw:  # a missing file or a folder raises here, clearly
             start = raw.read(len(_LFS_POINTER))
         if start == _LFS_POINTER:

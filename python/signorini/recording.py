@@ -15,12 +15,13 @@ from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from signorini import _arrays, _files
 from signorini._core import InvalidInputError
 from signorini._simulation import Simulator, SimulatorSettings, Trace
 from signorini._world import Array
@@ -36,6 +37,17 @@ _CHUNK_BYTES = 2**17
 _STEP_ROWS = ("control", "relative", "num_contacts", "seconds", "penetration")
 _SAMPLE_ROWS = ("row", "kinetic", "potential", "last_contact")
 _CONTACT_ROWS = ("geometries", "position", "normal", "force", "gap", "friction")
+#: Of each data set with rows: numpy kinds, and columns (None: it has one dimension; 0: any).
+_LAYOUT: dict[str, tuple[str, int | None]] = {
+    "q": ("f", 0), "v": ("f", 0), "time": ("f", None), "control": ("f", 0), "relative": ("f", None),
+    "num_contacts": ("iu", None), "seconds": ("f", None), "penetration": ("f", None),
+    "samples/row": ("iu", None), "samples/kinetic": ("f", None), "samples/potential": ("f", None),
+    "samples/last_contact": ("iu", None),
+    "contacts/geometries": ("iu", 2), "contacts/position": ("f", 3), "contacts/normal": ("f", 3),
+    "contacts/force": ("f", 3), "contacts/gap": ("f", None), "contacts/friction": ("f", None),
+}  # fmt: skip
+_LARGEST_COMPRESSION = 1032  # deflate cannot do better, so a data set that claims more is damaged
+_NOT_YET_WRITTEN = 2**28  # bytes that a writer at work may claim before they are in the file
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,24 +151,28 @@ class Recorder:
         """source: what the world came from, kept as JSON for `replay`. contacts_every: steps between two samples of
         contacts and energy; default: 10 ms of simulated time.
 
-        Raises OSError where the file cannot be written, InvalidInputError on a bad contacts_every.
+        Raises OSError where the file cannot be written, InvalidInputError on a bad source or contacts_every.
         """
         from signorini.view.looks import Looks
 
         time_step = simulator.settings.time_step
-        self._every = max(1, round(SAMPLE_SECONDS / time_step)) if contacts_every is None else int(contacts_every)
-        if self._every < 1:
-            raise InvalidInputError(f"contacts_every: is {contacts_every}, must be at least 1")
+        self._every = max(1, round(SAMPLE_SECONDS / time_step))
+        if contacts_every is not None:
+            self._every = _arrays.count("contacts_every", contacts_every, 1)
         self._simulator = simulator
         self._settled = True  # the last row is the simulator's state
         self._contacts = ContactReader(simulator)
         looks = Looks.of(simulator.world).arrays()
-        self._path = Path(path)
-        self._file = h5py.File(self._path, "w", libver=("v110", "v110"))
+        self._path = _files.checked(path)
+        try:
+            kept = {"source": json.dumps(dict(source)), "settings": json.dumps(asdict(simulator.settings))}
+        except (TypeError, ValueError) as error:
+            raise InvalidInputError(f"source: is {source!r}, must be a mapping that JSON can hold ({error})") from None
+        self._file = h5py.File(self._path, "w", libver=("v110", "v110"))  # its readers look at it while it grows
         attributes = self._file.attrs
         attributes["format"], attributes["version"] = FORMAT, VERSION
-        attributes["source"] = json.dumps(dict(source))
-        attributes["settings"] = json.dumps(asdict(simulator.settings))
+        for name, words in kept.items():
+            attributes[name] = words
         attributes["time_step"] = time_step
         attributes["contacts_every"] = self._every
         attributes["complete"], attributes["state_hash"] = 0, ""
@@ -317,10 +333,19 @@ class Recording:
         """Meshes and joints, to draw it; None in files of version 1. Raises InvalidInputError when they are damaged."""
         from signorini.view.looks import Looks
 
+        if not self.looks_arrays:
+            return None
         try:
-            return Looks.from_arrays(self.looks_arrays) if self.looks_arrays else None
-        except (KeyError, IndexError, TypeError, ValueError) as error:
+            looks = Looks.from_arrays(self.looks_arrays)
+            num_q = looks.num_q
+        except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
             raise InvalidInputError(f"looks: are damaged ({error})") from None
+        if self.q.shape[1] != num_q:
+            raise InvalidInputError(f"looks: are damaged (for {num_q} values of q, not {self.q.shape[1]})")
+        touching = self.samples.contacts.geometries
+        if touching.size and not 0 <= touching.min() <= touching.max() < len(looks.geometries):
+            raise InvalidInputError("contacts/geometries: name geometries that are not there")
+        return looks
 
 
 def read(path: str | PathLike[str]) -> Recording:
@@ -334,7 +359,7 @@ def read(path: str | PathLike[str]) -> Recording:
     try:
         with _open(path) as file:
             return _read(path, file)
-    except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
+    except (OSError, LookupError, ValueError, TypeError, RuntimeError, ArithmeticError, MemoryError) as error:
         if isinstance(error, InvalidInputError):
             raise
         raise InvalidInputError(f"{path}: is not a readable recording ({error})") from None
@@ -344,23 +369,25 @@ def _open(path: Path) -> Any:
     """Its writer may be at work, or may have been killed; then the file says so, and HDF5 opens it on request only."""
     with path.open("rb") as file:
         head = file.read(36)
-    unfinished = len(head) == 36 and head[8] == 3 and head[11] & 5 == 5  # superblock of version 3: flags, end at 28
+    unfinished = len(head) == 36 and head[8] == 3 and head[11] == 5  # superblock of version 3: flags, end at 28
     if unfinished and int.from_bytes(head[28:36], "little") > path.stat().st_size:
         raise OSError("it is cut off")  # HDF5 would wait for the rest to be written
     return h5py.File(path, "r", swmr=unfinished)
 
 
 def _read(path: Path, file: h5py.File) -> Recording:
+    held = _Held(path, file)
     if file.attrs.get("format") != FORMAT:
         raise InvalidInputError(f"{path}: is an HDF5 file, but not a recording of signorini")
-    version = int(file.attrs["version"])
+    version = held.integer("version", 1)
     if version > VERSION:
         raise InvalidInputError(f"{path}: has version {version}, this program reads up to {VERSION}")
-    complete = bool(file.attrs["complete"])
+    complete = bool(held.integer("complete", 0, 1))
     # An unfinished file may hold more of one data set than of another: as many steps count as all of them have.
     per_state = ["q", "v"] if version == 1 else ["q", "v", "time"]
     per_step = [name for name in _STEP_ROWS if version > 1 or name != "penetration"]
-    lengths = {name: len(file[name]) for name in per_state + per_step}
+    data = {name: held.rows(name) for name in per_state + per_step}
+    lengths = {name: len(values) for name, values in data.items()}
     steps = lengths["relative"]
     if not complete and version > 1:
         steps = min([lengths[name] - 1 for name in per_state] + [lengths[name] for name in per_step])
@@ -369,42 +396,123 @@ def _read(path: Path, file: h5py.File) -> Recording:
     rows: dict[str, Any] = {}
     for name, length in lengths.items():
         wanted = steps + 1 if name in per_state else steps
-        if length < wanted:
+        if length < wanted or (complete and length > wanted):
             raise InvalidInputError(f"{path}: is damaged: {name} has {length} rows, must have {wanted}")
-        rows[name] = file[name][:wanted]
-    time_step = float(file.attrs["time_step"])
+        rows[name] = data[name][:wanted]
+    settings = held.settings()
     if version == 1:
-        rows["time"], rows["penetration"] = time_step * np.arange(steps + 1), np.full(steps, np.nan)
-    known = {field.name for field in fields(SimulatorSettings)}
-    settings = {k: v for k, v in json.loads(file.attrs["settings"]).items() if k in known}
+        rows["time"], rows["penetration"] = settings.time_step * np.arange(steps + 1), np.full(steps, np.nan)
+    else:
+        held.integer("contacts_every", 1)
+        bad = np.flatnonzero(~np.isfinite(rows["time"]))
+        if bad.size:
+            held.fail(f"time[{bad[0]}]", f"is {rows['time'][bad[0]]}, must be finite")
     return Recording(
-        source=json.loads(file.attrs["source"]),
-        settings=SimulatorSettings(**settings),
-        state_hash=str(file.attrs["state_hash"]),
+        source=held.json("source"),
+        settings=settings,
+        state_hash=held.text("state_hash"),
         complete=complete,
-        start=file["start"][()].tobytes(),
-        samples=_read_samples(path, file, steps),
-        looks_arrays={name: data[()] for name, data in file["looks"].items()} if version > 1 else {},
+        start=held.array("start", "u", 1)[()].tobytes(),
+        samples=_read_samples(held, steps, complete),
+        looks_arrays={name: held.array(f"looks/{name}", "iuf")[()] for name in file["looks"]} if version > 1 else {},
         **rows,
     )
 
 
-def _read_samples(path: Path, file: h5py.File, steps: int) -> Samples:
-    if "samples" not in file:
+class _Held:
+    """An open recording whose every claim is checked before it is used."""
+
+    def __init__(self, path: Path, file: h5py.File) -> None:
+        self._path = path
+        self._file = file
+
+    def fail(self, field: str, message: str) -> NoReturn:
+        raise InvalidInputError(f"{self._path}: is damaged, not a readable recording: {field}: {message}")
+
+    def has(self, name: str) -> bool:
+        return name in self._file
+
+    def _attribute(self, name: str) -> Any:
+        if name not in self._file.attrs:
+            self.fail(name, "is missing")
+        return self._file.attrs[name]
+
+    def integer(self, name: str, lowest: int, highest: int = 2**31 - 1) -> int:
+        value = self._attribute(name)
+        if not isinstance(value, np.integer) or not lowest <= value <= highest:
+            self.fail(name, f"is {value!r}, must be an integer in [{lowest}, {highest}]")
+        return int(value)
+
+    def text(self, name: str) -> str:
+        value = self._attribute(name)
+        if not isinstance(value, str) or not value.isprintable():
+            self.fail(name, f"is {value!r}, must be printable text")
+        return value
+
+    def json(self, name: str) -> dict[str, Any]:
+        try:
+            value = json.loads(self.text(name))
+        except (ValueError, RecursionError) as error:
+            if isinstance(error, InvalidInputError):
+                raise
+            self.fail(name, f"is not JSON ({error})")
+        if not isinstance(value, dict):
+            self.fail(name, f"is {value!r}, must be a JSON object")
+        return value
+
+    def settings(self) -> SimulatorSettings:
+        time_step = self._attribute("time_step")
+        known = {field.name for field in fields(SimulatorSettings)}
+        given = {key: value for key, value in self.json("settings").items() if key in known}
+        settings = SimulatorSettings(**{"time_step": time_step, **given})
+        try:
+            settings._to_core()
+        except InvalidInputError as error:
+            self.fail("settings", str(error))
+        if settings.time_step != time_step:
+            self.fail("time_step", f"is {time_step!r}, must be {settings.time_step}, that of the settings")
+        return settings
+
+    def array(self, name: str, kinds: str, dimensions: int | None = None, width: int | None = None) -> h5py.Dataset:
+        """A data set of numbers whose numpy kind is among `kinds`."""
+        data = self._file.get(name)
+        if not isinstance(data, h5py.Dataset):
+            self.fail(name, "is missing" if data is None else "is not a data set")
+        if data.shape is None or (dimensions is not None and len(data.shape) != dimensions):
+            self.fail(name, f"has shape {data.shape}, must have {dimensions or 'some'} dimensions")
+        if width is not None and data.shape[1] != width:
+            self.fail(name, f"has shape {data.shape}, must have {width} columns")
+        if data.dtype.kind not in kinds:
+            self.fail(name, f"has entries of type {data.dtype}, must be {'numbers' if 'f' in kinds else 'integers'}")
+        if data.is_virtual or data.external:
+            self.fail(name, "keeps its data in another file, which is not supported")
+        if data.size * data.dtype.itemsize > _LARGEST_COMPRESSION * data.id.get_storage_size() + _NOT_YET_WRITTEN:
+            self.fail(name, f"claims {data.size} entries, more than the file holds")
+        return data
+
+    def rows(self, name: str) -> h5py.Dataset:
+        """A data set as the layout has it, one row a state, step, sample or contact."""
+        kinds, width = _LAYOUT[name]
+        return self.array(name, kinds, 1 if width is None else 2, width or None)
+
+
+def _read_samples(held: _Held, steps: int, complete: bool) -> Samples:
+    if not held.has("samples"):
         return Samples(
             np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0, np.int64), Contacts(**_no_contacts())
         )
-    rows = {name: file["samples"][name][()] for name in _SAMPLE_ROWS}
-    points = {name: file["contacts"][name][()] for name in _CONTACT_ROWS}
+    rows = {name: held.rows(f"samples/{name}")[()] for name in _SAMPLE_ROWS}
+    points = {name: held.rows(f"contacts/{name}")[()] for name in _CONTACT_ROWS}
     have = min(len(values) for values in points.values())
     count = min(len(values) for values in rows.values())
     count = int(np.count_nonzero((rows["row"][:count] <= steps) & (rows["last_contact"][:count] <= have)))
-    if file.attrs["complete"] and any(len(values) != count for values in rows.values()):
-        raise InvalidInputError(f"{path}: is damaged: samples or contacts have too few rows")
+    if complete and any(len(values) != count for values in rows.values()):
+        held.fail("samples", "or contacts have too few rows")
     rows = {name: values[:count] for name, values in rows.items()}
-    if count and ((np.diff(rows["row"]) <= 0).any() or (np.diff(rows["last_contact"], prepend=0) < 0).any()):
-        raise InvalidInputError(f"{path}: is damaged: the rows of samples do not grow")
-    return Samples(contacts=Contacts(**points), **rows)
+    row, last = rows["row"].astype(np.int64), rows["last_contact"].astype(np.int64)
+    if (np.diff(row, prepend=-1) <= 0).any() or (np.diff(last, prepend=0) < 0).any():
+        held.fail("samples", "has rows that do not grow")
+    return Samples(contacts=Contacts(**points), **{**rows, "row": row, "last_contact": last})
 
 
 def _no_contacts() -> dict[str, Any]:
@@ -417,23 +525,44 @@ def _no_contacts() -> dict[str, Any]:
 
 
 def replay(recording: Recording, simulator: Simulator) -> int | None:
-    """Runs a recording again; returns the first step whose state differs in a bit, or None when all are the same.
+    """Runs a recording again; returns the first step after which a state differs in a bit, or its time, certificate or
+    number of contacts is another (certificates: not of version 1); -1 for the start, None when all are the same.
 
     simulator: of an equal world, with the recording's settings.
     """
     simulator.restore(recording.start)
-    num_q = simulator.state.q.size
-    if recording.q.shape[1:] != (num_q,):
-        raise InvalidInputError(f"recording.q: has {recording.q.shape[1]} values a step, the world has {num_q}")
+    for name, size in (("q", simulator.state.q.size), ("v", simulator.state.v.size)):
+        has = getattr(recording, name).shape[1]
+        if has != size:
+            raise InvalidInputError(f"recording.{name}: has {has} values a state, the world has {size}")
+    states = np.hstack([recording.q, recording.v]).astype(np.float64)
+    start = np.concatenate([simulator.state.q, simulator.state.v])
+    if start.tobytes() != states[0].tobytes() or not _same_time(recording, 0, np.array([simulator.state.time])):
+        return -1
+    certified = len(recording.samples.row) > 0
     step = 0
     while step < recording.num_steps:
         count = min(256, recording.num_steps - step)
-        controls = recording.control[step : step + count] if simulator.control.size else None
-        states = simulator.run(count, controls, keep_states=True).states
-        assert states is not None
-        wanted = np.hstack([recording.q[step + 1 : step + count + 1], recording.v[step + 1 : step + count + 1]])
-        different = np.flatnonzero((states.view(np.uint64) != wanted.view(np.uint64)).any(axis=1))
-        if different.size:
-            return step + int(different[0])
+        part = slice(step, step + count)
+        trace = simulator.run(count, recording.control[part] if simulator.control.size else None, keep_states=True)
+        assert trace.states is not None
+        now = simulator.state.time - recording.settings.time_step * np.arange(count - 1, -1, -1)
+        different = (trace.states.view(np.uint64) != states[step + 1 : step + count + 1].view(np.uint64)).any(axis=1)
+        different |= ~_same_time(recording, step + 1, now)
+        if certified:
+            for name in ("relative", "penetration", "num_contacts"):
+                ours, theirs = getattr(trace, name), getattr(recording, name)[part]
+                different |= (ours != theirs) & ~((ours != ours) & (theirs != theirs))  # NaN is NaN
+        if different.any():
+            return step + int(np.flatnonzero(different)[0])
         step += count
+    if recording.complete and simulator.state_hash != recording.state_hash:
+        return recording.num_steps - 1
     return None
+
+
+def _same_time(recording: Recording, row: int, time: NDArray[Any]) -> NDArray[np.bool_]:
+    """But for rounding: it was summed up in other blocks."""
+    held = recording.time[row : row + len(time)]
+    same: NDArray[np.bool_] = np.abs(held - time) <= 1e-3 * recording.settings.time_step
+    return same

@@ -225,6 +225,17 @@ def test_bad_use(tmp_path):
     assert "nothing that collides" in run(urdf(tmp_path, '<link name="a"/>'), "--ground").stderr
 
 
+def test_a_floor_that_nothing_touches_is_warned_of_as_by_run(tmp_path):
+    file = urdf(tmp_path, f'<link name="a"><inertial><mass value="1"/>{INERTIA}</inertial></link>')
+    for command in (["check", file], ["run", file, "--floating", "--duration", "0.01"]):
+        for options, warned in (([], False), (["--ground"], True)):
+            result = CliRunner().invoke(app, [str(part) for part in [*command, *options]])
+            assert result.exit_code == 0, result.output
+            assert ("the ground touches nothing; it is at z = 0" in result.stderr) == warned
+    assert checked(file, "--ground")["ground_m"] == 0.0
+    assert run(file, "--ground", "--strict").exit_code == 1
+
+
 def test_json_has_these_fields(tmp_path):
     target = tmp_path / "result.json"
     assert run(urdf(tmp_path, link(), link("b"), joint("b", "0 0 1", "revolute")), "--json", target).exit_code == 0

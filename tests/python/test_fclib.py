@@ -1,4 +1,6 @@
+import os
 import pickle
+import socket
 import tracemalloc
 
 import h5py
@@ -347,3 +349,74 @@ def test_the_data(data, family):
             other = fclib.read(file, "mass")
             difference = abs(other.delassus - problem.delassus).max() / abs(problem.delassus).max()
             assert difference < 1e-6 + problem.asymmetry, file.stem
+
+
+SMALL = ContactProblem(np.eye(3), np.zeros(3), [0.1], name="small")
+
+
+@pytest.mark.parametrize(
+    ("name", "texts", "message"),
+    [
+        ("small", {"title": 5}, "title: is 5, must be a str"),
+        ("small", {"title": None}, "title: is None"),
+        ("small", {"title": "\udcff"}, "title: is .*UTF-8"),
+        ("small", {"description": None}, "description: is None"),
+        ("small", {"description": "\udcff"}, "description: is .*UTF-8"),
+        ("raw-\udcff", {}, r"problem\.name: is .*UTF-8"),
+    ],
+)
+def test_what_was_there_stays_when_a_text_is_bad(path, name, texts, message):
+    path.write_bytes(b"precious")
+    with pytest.raises(signorini.InvalidInputError, match=message):
+        fclib.write(path, ContactProblem(np.eye(3), np.zeros(3), [0.1], name=name), **texts)
+    assert path.read_bytes() == b"precious"
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_what_was_there_stays_when_writing_fails(path, monkeypatch):
+    path.write_bytes(b"precious")
+    path.chmod(0o640)
+
+    def full(*_):
+        raise OSError("no space left")
+
+    with monkeypatch.context() as broken:
+        broken.setattr(fclib, "_write_matrix", full)
+        with pytest.raises(OSError, match="no space left"):
+            fclib.write(path, SMALL)
+    assert path.read_bytes() == b"precious"
+    assert list(path.parent.iterdir()) == [path]
+    link = path.with_name("link.hdf5")
+    link.symlink_to(path.name)
+    fclib.write(link, SMALL)
+    assert link.is_symlink()
+    assert fclib.read(path).size == 3
+    assert path.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_file_goes_where_there_is_a_folder_and_no_folder(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"nowhere.a\.hdf5"):
+        fclib.write(tmp_path / "nowhere" / "a.hdf5", SMALL)
+    with pytest.raises(IsADirectoryError, match=tmp_path.name):
+        fclib.write(tmp_path, SMALL)
+
+
+def test_what_is_no_name_of_a_file(tmp_path):
+    refused = ("x\0y", r"path: is 'x\\x00y', must be without null"), (5, "path: is 5"), (b"x", "path: is b'x'")
+    for use in (fclib.read, fclib.read_solution, fclib.read_guesses, lambda path: fclib.write(path, SMALL)):
+        for path, message in refused:
+            with pytest.raises(signorini.InvalidInputError, match=message):
+                use(path)
+
+
+def test_pipes_and_devices_are_no_problem_files(path):
+    os.mkfifo(path)  # to open it would wait for a writer
+    with pytest.raises(fclib.FclibError, match=r"problem\.hdf5: is a pipe, must be a regular file"):
+        fclib.read(path)
+    with pytest.raises(fclib.FclibError, match=r"null: is a device, must be a regular file"):
+        fclib.read("/dev/null")
+    path.unlink()
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(path))
+        with pytest.raises(fclib.FclibError, match=r"problem\.hdf5: is a socket, must be a regular file"):
+            fclib.read(path)

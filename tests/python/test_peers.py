@@ -4,7 +4,7 @@ import pytest
 import signorini
 from signorini import ContactProblem, Equality, FrictionCone, InvalidInputError, peers, scenes
 from signorini.experiments._runs import record, solves
-from signorini.peers import siconos
+from signorini.peers import scs, siconos
 from signorini.peers._common import judged
 
 TOLERANCE = 1e-6
@@ -87,9 +87,21 @@ def test_what_a_peer_does_not_take_is_refused(peer):
         peer.solve(ContactProblem(np.zeros((0, 0)), [], []))
     with pytest.raises(InvalidInputError, match="law"):
         peer.solve(point_masses(FREE, [0.5] * 3), law="lcp")
-    for tolerance in (np.nan, 0.0, -1e-6, 1.0):
+    for tolerance in (np.nan, 0.0, -1e-6, 1.0, "a", True):
         with pytest.raises(InvalidInputError, match="tolerance"):
             peer.solve(point_masses(FREE, [0.5] * 3), tolerance=tolerance)
+    for count in (0, -1, 2**31, 10.0, True, "a"):
+        with pytest.raises(InvalidInputError, match="max_iterations"):
+            peer.solve(point_masses(FREE, [0.5] * 3), max_iterations=count)
+    with pytest.raises(InvalidInputError, match="problem: is a ndarray"):
+        peer.solve(np.eye(3))
+
+
+def test_scs_alone_refuses_the_same_limits():
+    pytest.importorskip("scs")
+    for limits, field in (((0.0, 10), "tolerance"), ((1e-6, 0), "max_iterations")):
+        with pytest.raises(InvalidInputError, match=field):
+            scs.solve_ccp(point_masses(FREE, [0.5] * 3), *limits)
 
 
 def test_a_wrong_claim_is_not_believed():

@@ -467,3 +467,142 @@ def test_a_run_has_controls_or_a_controller():
     with pytest.raises(InvalidInputError, match="controls"):
         simulator.run(2, np.zeros((2, 1)), controller=lambda: None)
     assert simulator.run(0, controller=lambda: None).controls.shape == (0, 1)
+
+
+def test_a_bad_source_leaves_what_was_there(tmp_path):
+    path = tmp_path / "kept.h5"
+    path.write_bytes(b"precious")
+    simulator = Simulator(scenes.worlds()["cube-stack"](num_cubes=1).world)
+    for source in ({"a": object()}, 5):
+        with pytest.raises(InvalidInputError, match="source: is .*JSON"):
+            recording.Recorder(path, simulator, source)
+    assert path.read_bytes() == b"precious"
+
+
+def changed(recorded, tmp_path, change):
+    path = tmp_path / "changed.h5"
+    path.write_bytes(recorded.read_bytes())
+    edit(path, change)
+    return path
+
+
+def attribute(name, value):
+    return lambda file: file.attrs.__setitem__(name, value)
+
+
+def replaced(name, change):
+    def edited(file):
+        values = change(file[name][()])
+        del file[name]
+        file[name] = values
+
+    return edited
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (attribute("source", "[]"), r"source: is \[\], must be a JSON object"),
+        (attribute("source", "{"), "source: is not JSON"),
+        (attribute("source", 5), "source: is .*5.*, must be printable text"),
+        (attribute("source", b"\xff"), "source: is .*, must be printable text"),
+        (attribute("source", "[" * 3000), "source: is not JSON"),
+        (attribute("settings", "null"), "settings: is None, must be a JSON object"),
+        (attribute("settings", '{"time_step": "a"}'), "settings: time_step: is 'a'"),
+        (attribute("settings", '{"solver": []}'), r"settings: solver: is \[\]"),
+        (attribute("settings", '{"time_step": NaN}'), "settings: time_step: is nan"),
+        (attribute("time_step", np.nan), "time_step: is .*nan.*, must be 0.001"),
+        (attribute("time_step", 2e-3), "time_step: is .*0.002.*, must be 0.001"),
+        (attribute("state_hash", np.arange(3)), "state_hash: is .*, must be printable text"),
+        (attribute("version", np.inf), "version: is .*inf.*, must be an integer"),
+        (attribute("version", 0), "version: is .*0.*, must be an integer"),
+        (attribute("complete", "yes"), "complete: is 'yes', must be an integer"),
+        (attribute("contacts_every", np.nan), "contacts_every: is .*nan.*, must be an integer"),
+        (lambda f: f.attrs.__delitem__("source"), "source: is missing"),
+        (lambda f: f["time"].__setitem__(7, np.nan), r"time\[7\]: is nan, must be finite"),
+        (replaced("q", lambda q: q[:, :, None]), "q: has shape .*, must have 2 dimensions"),
+        (replaced("q", lambda q: q.astype(complex)), "q: has entries of type complex128, must be numbers"),
+        (replaced("q", lambda q: np.vstack([q, q])), "q has 402 rows, must have 201"),
+        (replaced("relative", lambda r: np.array([b"a"] * len(r))), "relative: has entries .*, must be numbers"),
+        (replaced("num_contacts", lambda n: n.astype(float)), "num_contacts: has entries .*, must be integers"),
+        (replaced("start", lambda s: h5py.Empty(s.dtype)), "start: has shape None"),
+        (replaced("samples/row", lambda r: r.astype(np.int64) - 1), "samples: has rows that do not grow"),
+        (replaced("contacts/force", lambda f: f[:, :2]), "contacts/force: has shape .*, must have 3 columns"),
+    ],
+)
+def test_every_claim_of_a_recording_is_checked(recorded, tmp_path, change, message):
+    path = changed(recorded, tmp_path, change)
+    with pytest.raises(InvalidInputError, match=rf"changed\.h5: .*{message}"):
+        recording.read(path)
+    assert invoke("replay", path, "--verify").exit_code == 2
+
+
+def test_flags_that_no_writer_sets_are_damage(recorded, tmp_path):
+    """Taken for those of an unfinished file, HDF5 would wait for somebody to mend it."""
+    content = bytearray(recorded.read_bytes())
+    content[11] = 61
+    (tmp_path / "flags.h5").write_bytes(content)
+    with pytest.raises(InvalidInputError, match="not a readable recording"):
+        recording.read(tmp_path / "flags.h5")
+
+
+def test_a_recording_claims_no_more_than_its_file_holds(recorded, tmp_path):
+    def claim(file):
+        del file["seconds"]
+        file.create_dataset("seconds", (2**37,), float, chunks=(2**20,))
+
+    with pytest.raises(InvalidInputError, match="seconds: claims 137438953472 entries"):
+        recording.read(changed(recorded, tmp_path, claim))
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        {}, {"scene": []}, {"scene": None}, {"scene": "cube-stack", "options": []}, {"file": 5}, {"file": "a\0b"},
+        {"scene": "cube-stack", "options": {"num_cubes": None}}, {"file": "ROBOT", "ground": []},
+        {"file": "ROBOT", "ground": "x"},
+    ],
+)  # fmt: skip
+def test_a_source_that_nothing_can_be_made_of(recorded, tmp_path, source):
+    robot = tmp_path / "robot.urdf"
+    robot.write_text('<robot name="r"><link name="a"/></robot>')
+    text = json.dumps(source).replace("ROBOT", str(robot))
+    path = changed(recorded, tmp_path, attribute("source", text))
+    assert invoke("replay", path).exit_code == 0
+    result = invoke("replay", path, "--verify")
+    assert result.exit_code == 2
+    assert "error: " in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("change", "where"),
+    [
+        (lambda f: f["q"].__setitem__((0, 2), f["q"][0, 2] + 1e-15), "at the start"),
+        (lambda f: f["time"].__setitem__(0, 1e-4), "at the start"),
+        (lambda f: f["time"].__setitem__(7, 0.0), "after step 6"),
+        (lambda f: f["relative"].__setitem__(150, 1e-30), "after step 150"),
+        (lambda f: f["penetration"].__setitem__(3, np.nan), "after step 3"),
+        (lambda f: f["num_contacts"].__setitem__(199, 1), "after step 199"),
+        (attribute("state_hash", "0123456789abcdef"), "after step 199"),
+    ],
+)
+def test_verify_compares_all_that_a_step_says(recorded, tmp_path, change, where):
+    result = invoke("replay", changed(recorded, tmp_path, change), "--verify")
+    assert result.exit_code == 1
+    assert f"state {where} differs" in result.stderr
+
+
+def test_looks_that_do_not_fit(recorded, tmp_path):
+    for name in ("body", "mesh", "center", "scale", "color", "collision", "flat", "vertices", "triangles", "names"):
+        for change in (lambda v: v[:-1], lambda v: v[..., None], lambda v: 5, lambda v: v.astype(float) * np.nan):
+            held = recording.read(changed(recorded, tmp_path, replaced(f"looks/{name}", change)))
+            with pytest.raises(InvalidInputError, match="looks: are damaged"):
+                _ = held.looks
+    for geometry in (99, -1):
+        path = changed(recorded, tmp_path, lambda f, to=geometry: f["contacts/geometries"].__setitem__((3, 0), to))
+        held = recording.read(path)
+        with pytest.raises(InvalidInputError, match="contacts/geometries: name geometries"):
+            _ = held.looks
+    held = recording.read(changed(recorded, tmp_path, replaced("q", lambda q: q[:, :-1])))
+    with pytest.raises(InvalidInputError, match="looks: are damaged"):
+        _ = held.looks

@@ -7,7 +7,7 @@ import scipy.sparse as sp
 from reference import planted_problem, relative_residual
 
 import signorini
-from signorini import ContactProblem, Equality, FrictionCone, HalfLine, Interval, _core, scenes
+from signorini import ContactProblem, Equality, FrictionCone, HalfLine, Interval, InvalidInputError, _core, scenes
 
 SOLVERS = ["auto", "admm", "pgs", "interior-point", "newton"]
 SURE = ["auto", "admm", "pgs", "interior-point"]  # on problems as easy as these, from nothing
@@ -491,7 +491,11 @@ def test_residual_solves_as_the_core_does():
         assert ours.to_dict() == {name: getattr(core, name) for name in ours.to_dict()}
         for tolerance in (1e-12, 1e-6, 1e-3, 0.999):
             assert ours.solves(tolerance) == core.solves(tolerance)
-    assert signorini.residual(problem, impulse).solves(1e-12)
+    certificate = signorini.residual(problem, impulse)
+    assert certificate.solves(1e-12)
+    for tolerance in ("a", None, True, np.nan, 0.0, 1.0, -1e-6, np.inf, [1e-6]):
+        with pytest.raises(InvalidInputError, match="tolerance: is "):
+            certificate.solves(tolerance)
 
 
 @pytest.mark.parametrize("solver", SURE)

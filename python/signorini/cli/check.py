@@ -12,12 +12,11 @@ import numpy.typing as npt
 import typer
 from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
 import signorini
-from signorini.cli._output import finite, report, write_json
+from signorini.cli._output import check_outputs, finite, printer, report, write_json
 from signorini.load import Loaded, _inertia, assemble
-from signorini.load._ground import lowest_point
+from signorini.load._ground import NOTHING_TOUCHES, add_touching_ground
 from signorini.load._options import Options
 
 Array = npt.NDArray[np.float64]
@@ -52,8 +51,9 @@ def check(
 
     Exit status: 0 when all is well, 1 when there are problems, 2 when it cannot be loaded.
     """
-    errors = Console(stderr=True)
+    errors = printer(stderr=True)
     try:
+        check_outputs({"--json": json_file}, [file])
         options = Options(floating_base=floating, package_dirs=tuple(package_dir or ()), repair_inertia=True)
         result = {"version": signorini.__version__, "file": str(file), **inspect(assemble(file, options), ground)}
     except (signorini.InvalidInputError, OSError, ImportError) as error:
@@ -62,7 +62,7 @@ def check(
     if json_file is not None and not write_json(json_file, result, errors):
         raise typer.Exit(2)
     if json_file != "-":
-        _print(result)
+        _print(result, errors)
     raise typer.Exit(1 if result["problems"] or (strict and result["warnings"]) else 0)
 
 
@@ -70,10 +70,7 @@ def inspect(loaded: Loaded, ground: bool = False) -> dict[str, Any]:
     """What --json writes, but version and file. warnings: what is not carried over; problems: what is wrong."""
     world, height = loaded.world, None
     if ground:
-        height = lowest_point(world)
-        if height is None:
-            raise signorini.InvalidInputError(f"{loaded.added.file}: has nothing that collides, --ground has no use")
-        loaded.builder.add_ground(height=height)
+        height = add_touching_ground(loaded.builder, world, loaded.added.file.name)
         world = loaded.builder.build()
     bodies = [_body(body) for body in world.bodies[1:] if body.mass > 0.0]
     moving = {world.bodies[index].frame for index in range(1, len(world.bodies))} - {world.bodies[0].frame}
@@ -210,8 +207,8 @@ def _first_step(simulator: signorini.Simulator) -> dict[str, Any]:
     }
 
 
-def _print(result: dict[str, Any]) -> None:
-    console = Console()
+def _print(result: dict[str, Any], errors: Console) -> None:
+    console = printer()
     first = result["first_step"]
     shapes = ", ".join(f"{count} {name}" for name, count in result["geometries"].items())
     floor = "none" if result["ground_m"] is None else f"z = {result['ground_m']:.6g} m"
@@ -227,7 +224,7 @@ def _print(result: dict[str, Any]) -> None:
         "first step: condition": _number(first["condition"]),
         "first step: certificate": f"{first['status']}, {_number(first['relative'])}",
     }
-    table = Table(title=Text(Path(result["file"]).name), show_header=False)
+    table = Table(title=Path(result["file"]).name, show_header=False)
     table.add_column()
     table.add_column(justify="right")
     for key, value in rows.items():
@@ -275,11 +272,12 @@ def _print(result: dict[str, Any]) -> None:
         ],
     )
     for warning in result["warnings"]:
-        console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
+        of_option = NOTHING_TOUCHES in warning  # not of the file, which the report is about
+        (errors if of_option else console).print(f"warning: {warning}", style="yellow", soft_wrap=True)
     for problem in result["problems"]:
-        console.print(f"problem: {problem}", style="red", markup=False, highlight=False, soft_wrap=True)
+        console.print(f"problem: {problem}", style="red", soft_wrap=True)
     count = len(result["problems"])
-    console.print("no problems" if not count else f"{count} problem{'s' if count > 1 else ''}", highlight=False)
+    console.print("no problems" if not count else f"{count} problem{'s' if count > 1 else ''}")
 
 
 def _table(console: Console, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
@@ -289,9 +287,9 @@ def _table(console: Console, columns: tuple[str, ...], rows: list[tuple[str, ...
     table = Table()
     for column in columns:
         words = column in ("body", "joint", "actuator", "type", "acts on", "mesh of", "becomes")
-        table.add_column(Text(column), justify="left" if words else "right")
+        table.add_column(column, justify="left" if words else "right")
     for row in rows:
-        table.add_row(*(cell.replace("[", r"\[") for cell in row))
+        table.add_row(*row)
     console.print(table)
 
 

@@ -15,10 +15,10 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import typer  # noqa: E402
 from rich.console import Console  # noqa: E402
-from rich.markup import escape  # noqa: E402
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: E402
 from rich.table import Table  # noqa: E402
 
+from signorini.cli._output import check_folder, printer, report  # noqa: E402
 from signorini.experiments import (  # noqa: E402
     DataMissingError,
     Options,
@@ -60,13 +60,15 @@ Install = Annotated[
 Family = Annotated[list[str] | None, typer.Option(help="Only this family; may be given several times.")]
 
 
-def _run(experiment: Callable[[Options], Report], options: Options) -> None:
-    console = Console()
-    errors = Console(stderr=True)
+def _run(experiment: Callable[[Options], Report], options: Options, write_problems: Path | None = None) -> None:
+    console = printer()
+    errors = printer(stderr=True)
     try:
-        options.output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+        check_folder("--output", options.output)
+        if write_problems is not None:
+            check_folder("--write-problems", write_problems)
+    except ValueError as error:
+        report(errors, error)
         raise typer.Exit(2) from None
     with _bar(errors) as progress:
         task = progress.add_task("", total=None)
@@ -74,12 +76,12 @@ def _run(experiment: Callable[[Options], Report], options: Options) -> None:
             task, completed=done, total=total, description=what
         )
         try:
-            report = experiment(options)
+            result = experiment(options)
         except (DataMissingError, ValueError) as error:
             progress.stop()
-            errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+            report(errors, error)
             raise typer.Exit(2) from None
-    _show(console, report)
+    _show(console, result)
 
 
 def _bar(errors: Console) -> Progress:
@@ -94,23 +96,23 @@ def _bar(errors: Console) -> Progress:
 
 
 def _show(console: Console, report: Report) -> None:
-    wide = console if console.is_terminal else Console(width=240)
+    wide = console if console.is_terminal else printer(width=240)
     for title, (columns, rows) in report.tables.items():
-        table = Table(title=escape(title), title_justify="left")
+        table = Table(title=title, title_justify="left")
         for k, column in enumerate(columns):
-            table.add_column(escape(column), justify="left" if k == 0 else "right", no_wrap=True)
+            table.add_column(column, justify="left" if k == 0 else "right", no_wrap=True)
         for row in rows:
-            table.add_row(*(escape(cell) for cell in row))
+            table.add_row(*row)
         wide.print(table)
     for verdict in report.verdicts:
         style = {True: "green", False: "red", None: ""}[verdict.met]
-        console.print(str(verdict), style=style, markup=False, highlight=False, soft_wrap=True)
+        console.print(str(verdict), style=style, soft_wrap=True)
     for note in report.notes:
-        console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
+        console.print(f"note: {note}", soft_wrap=True)
     if not _plots.available():
-        console.print("note: no plot, matplotlib is missing: pip install signorini[plots]", markup=False)
+        console.print("note: no plot, matplotlib is missing: pip install signorini[plots]")
     for file in report.files:
-        console.print(f"wrote {file}", markup=False, highlight=False, soft_wrap=True)
+        console.print(f"wrote {file}", soft_wrap=True)
 
 
 @app.command()
@@ -274,7 +276,7 @@ def timings(
     from signorini.experiments import timings as experiment
 
     options = _options(output, None, quick, every, False, None, with_peers)
-    _run(lambda given: experiment.run(given, write_problems), options)
+    _run(lambda given: experiment.run(given, write_problems), options, write_problems)
 
 
 @app.command("all")
@@ -294,7 +296,7 @@ def everything(
     Goes on where an interrupted run into DIR was. Exit status: 0 when all verdicts are met, 1 when one is not or an
     experiment failed, 2 on bad input.
     """
-    console, errors = Console(), Console(stderr=True)
+    console, errors = printer(), printer(stderr=True)
     known = _experiments()
     unknown = sorted(set(skip or ()) - set(known))
     wanted = {name: callback for name, callback in known.items() if name not in (skip or ())}
@@ -303,13 +305,13 @@ def everything(
         if unknown:
             raise ValueError(f"--skip: is {unknown[0]!r}, must be one of {', '.join(known)}")
         folder = data_directory(data).resolve() if needs_data else None
-        output.mkdir(parents=True, exist_ok=True)
+        check_folder("--output", output)
     except DataMissingError as error:
         hint = " ".join(f"--skip {name}" for name in needs_data)
-        errors.print(f"error: {error}; or leave out what reads them: {hint}", style="red", markup=False, soft_wrap=True)
+        report(errors, f"{error}; or leave out what reads them: {hint}")
         raise typer.Exit(2) from None
-    except (OSError, ValueError) as error:
-        errors.print(f"error: {error}", style="red", markup=False, highlight=False, soft_wrap=True)
+    except ValueError as error:
+        report(errors, error)
         raise typer.Exit(2) from None
     given = {"--quick": quick, "--fresh": fresh, "--no-peers": not with_peers, "--install": install}
     commands = {name: _command(name, callback, output, folder, given) for name, callback in wanted.items()}
@@ -333,7 +335,7 @@ def everything(
     for outcome in outcomes:
         _tell(console, outcome)
     for file in files:
-        console.print(f"wrote {file}", markup=False, highlight=False, soft_wrap=True)
+        console.print(f"wrote {file}", soft_wrap=True)
     if not all(outcome.met for outcome in outcomes):
         raise typer.Exit(1)
 
@@ -368,12 +370,10 @@ def _tell(console: Console, outcome: _all.Outcome) -> None:
     console.print(
         f"{outcome.name} ({outcome.seconds:.0f} s{when}): {what}",
         style="green" if outcome.met else "red",
-        markup=False,
-        highlight=False,
         soft_wrap=True,
     )
     for verdict in bad:
-        console.print(f"    {Verdict(**verdict)}", style="red", markup=False, highlight=False, soft_wrap=True)
+        console.print(f"    {Verdict(**verdict)}", style="red", soft_wrap=True)
 
 
 def _options(

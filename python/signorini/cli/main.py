@@ -9,7 +9,7 @@ import typer
 from typer.core import TyperCommand
 
 import signorini
-from signorini.cli import check, experiment, picture, run, solve, view
+from signorini.cli import _streams, check, experiment, picture, run, solve, view
 
 app = typer.Typer(
     help="Robots and contact, simulated; every step certified.", no_args_is_help=True, add_completion=False
@@ -57,8 +57,12 @@ def _options(
 
 
 def main() -> None:
+    _streams.guard()
     try:
-        app()
+        try:
+            app()
+        finally:
+            sys.stdout.flush()  # a full disk is told here, not by the interpreter after its end
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
             raise

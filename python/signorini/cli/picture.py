@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 import signorini
-from signorini.cli._output import report
+from signorini.cli._output import check_outputs, printer, report
 
 if TYPE_CHECKING:
     from signorini.view.picture import Array, Forces, Stage
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 SIZE = "1280x720"
 
 File = Annotated[Path, typer.Argument(metavar="RECORDING", help="What `run --record` wrote.")]
-Size = Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Pixels, each in [16, 4096].")]
+Size = Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Pixels, each in [16, 4096]; of films even.")]
 Collision = Annotated[bool, typer.Option("--collision", help="Draw what collides in place of what is seen.")]
 ShowForces = Annotated[bool, typer.Option("--forces/--no-forces", help="Arrows for contact forces.")]
 
@@ -49,9 +49,10 @@ def picture(
     """
     from signorini.view.picture import checked_suffix, write_png
 
-    errors = Console(stderr=True)
+    errors = printer(stderr=True)
     try:
         checked_suffix(output, ".png")
+        check_outputs({"FILE.png": output}, [file])
         pixels = parse_size(size)
         shown = _recorded(file)
         row = shown.row(time)
@@ -82,9 +83,10 @@ def video(
     from signorini.view.recorded import interval
     from signorini.view.video import rows
 
-    errors = Console(stderr=True)
+    errors = printer(stderr=True)
     try:
         checked_suffix(output, ".mp4")
+        check_outputs({"FILE.mp4": output}, [file])
         pixels = parse_size(size, even=True)
         shown = _recorded(file)
         first, length = interval(start, end, shown.duration)

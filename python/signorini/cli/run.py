@@ -14,11 +14,10 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
-from rich.text import Text
 
 import signorini
 from signorini._hardest import Hardest
-from signorini.cli._output import finite, report, write_json
+from signorini.cli._output import check_folder, check_outputs, finite, printer, report, write_json
 from signorini.cli.picture import SIZE, Shots, Size
 from signorini.cli.solve import Law, Solver
 from signorini.cli.view import NoOpen, NoShadows, Port, announce
@@ -35,10 +34,14 @@ def load_source(source: Source) -> tuple[signorini.World, Any, Any]:
     if "scene" in source:
         from signorini import scenes
 
-        known = scenes.worlds()
-        if source["scene"] not in known:
-            raise signorini.InvalidInputError(f"scene: there is no {source['scene']!r}; there are {', '.join(known)}")
-        return known[source["scene"]](**source.get("options", {}))
+        known, scene, options = scenes.worlds(), source["scene"], source.get("options", {})
+        if not isinstance(scene, str) or scene not in known:
+            raise signorini.InvalidInputError(f"scene: there is no {scene!r}; there are {', '.join(known)}")
+        if not isinstance(options, dict):
+            raise signorini.InvalidInputError(f"options: is {options!r}, must be values by name")
+        return known[scene](**options)
+    if "file" not in source:
+        raise signorini.InvalidInputError(f"source: is {source!r}, must name a scene or a file")
     world = signorini.load(
         source["file"], ground=source.get("ground", False), floating_base=source.get("floating_base")
     )
@@ -85,7 +88,7 @@ def run(
         typer.Argument(metavar="SCENE|FILE", help="A scene of `signorini scenes`, or a robot file (URDF, MJCF, SDF)."),
     ],
     duration: Annotated[
-        float | None, typer.Option(help="Simulated time in s; default: the scene's own; of files, 2 s.")
+        float | None, typer.Option(help="Simulated time in s, in (0, 1e6]; default: the scene's own; of files, 2 s.")
     ] = None,
     dt: Annotated[float, typer.Option(help="Time step in s, in [1e-6, 0.1].")] = 1e-3,
     ground: Annotated[
@@ -107,7 +110,7 @@ def run(
     record: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep states and certificates (HDF5).")] = None,
     contacts_every: Annotated[
         int | None,
-        typer.Option(metavar="STEPS", help="With --record: keep the contacts of every so many; default: 10 ms."),
+        typer.Option(metavar="STEPS", help="With --record: contacts of every so many, at least 1; default: 10 ms."),
     ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show it on a web page while it runs.")] = False,
     port: Port = 8080,
@@ -128,15 +131,17 @@ def run(
 
     Exit status: 0 when every step was solved, 1 when one was not, 2 on bad input.
     """
-    errors = Console(stderr=True)
+    errors = printer(stderr=True)
     try:
         source = _source(scene, ground, floating, option or [])
         if contacts_every is not None and record is None:
             raise signorini.InvalidInputError("--contacts-every: has no effect without --record")
-        if json_file not in (None, "-") and not Path(str(json_file)).parent.is_dir():
-            raise signorini.InvalidInputError(f"--json: {Path(str(json_file)).parent}: there is no such folder")
-        if record is not None and not record.parent.is_dir():
-            raise signorini.InvalidInputError(f"--record: {record.parent}: there is no such folder")
+        check_outputs(
+            {"--record": record, "--picture": picture, "--video": video, "--json": json_file},
+            [Path(source["file"])] if "file" in source else [],
+        )
+        if hardest is not None:
+            check_folder("--hardest", hardest)
         start = world, q, v = load_source(source)
         simulator = signorini.Simulator(world, time_step=dt, law=law.value, solver=solver.value, tolerance=tolerance)
         simulator.state.q, simulator.state.v = q, v
@@ -145,9 +150,7 @@ def run(
         if not 0.0 < length <= 1e6:
             raise signorini.InvalidInputError(f"duration: is {length}, must be in (0, 1e6] s")
         for warning in world.warnings:
-            errors.print(f"warning: {warning}", style="yellow", markup=False, highlight=False, soft_wrap=True)
-        if hardest is not None:
-            hardest.mkdir(parents=True, exist_ok=True)
+            errors.print(f"warning: {warning}", style="yellow", soft_wrap=True)
         kept = Hardest(simulator) if hardest is not None else None
         steps = max(1, round(length / dt))
         drawn = picture is not None or picture_time is not None or video is not None
@@ -330,7 +333,7 @@ def _stoppable() -> Iterator[Callable[[], None]]:
 
 
 def print_result(result: dict[str, Any]) -> None:
-    table = Table(title=Text(result["scene"]), show_header=False)
+    table = Table(title=result["scene"], show_header=False)
     table.add_column()
     table.add_column(justify="right")
     times, solver, certificate, physics = (result[key] for key in ("step_time_us", "solver", "certificate", "physics"))
@@ -349,8 +352,8 @@ def print_result(result: dict[str, Any]) -> None:
         "state": result["state_hash"],
     }
     for key, value in rows.items():
-        table.add_row(Text(key), value)  # as text: markup would swallow units
-    Console().print(table)
+        table.add_row(key, value)
+    printer().print(table)
 
 
 def replay(
@@ -365,10 +368,10 @@ def replay(
     """
     from signorini import recording
 
-    errors = Console(stderr=True)
+    errors = printer(stderr=True)
     try:
         held = recording.read(file)
-        name = held.source.get("scene") or held.source.get("file")
+        name = held.source.get("scene") or held.source.get("file") or "of unknown origin"
         how = "complete" if held.complete else "interrupted"
         print(f"{file}: {name}, {held.num_steps} steps of {1e3 * held.settings.time_step:g} ms, {how}")
         print(f"worst certificate {held.relative.max(initial=0.0):.1e}, state {held.state_hash or 'unknown'}")
@@ -382,7 +385,7 @@ def replay(
     if different is None:
         print("every state the same, bit for bit")
         return
-    report(errors, f"state after step {different} differs")
+    report(errors, f"state after step {different} differs" if different >= 0 else "state at the start differs")
     raise typer.Exit(1)
 
 
@@ -392,7 +395,7 @@ def list_scenes() -> None:
 
     table = Table()
     for column in ("scene", "duration [s]", "what happens", "from"):
-        table.add_column(Text(column))
+        table.add_column(column)
     for scene in scenes.worlds().values():
         table.add_row(scene.name, f"{scene.duration:g}", scene.description, scene.source)
-    Console().print(table)
+    printer().print(table)

@@ -10,12 +10,12 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
 
 import signorini
-from signorini.cli._output import finite, report, write_json
+from signorini.cli._output import check_outputs, finite, printer, report, write_json
 
 Result = dict[str, Any]
 COLUMNS = {
@@ -61,12 +61,12 @@ def solve(
     law: Annotated[Law, typer.Option(help="Signorini and Coulomb (ncp), or its convex relaxation (ccp).")] = Law.NCP,
     tolerance: Annotated[float, typer.Option(help="On the certificate, in (0, 1).")] = 1e-6,
     max_iterations: Annotated[
-        int | None, typer.Option(help="Of auto: factorizations, about. Default: the solver's own.")
+        int | None, typer.Option(help="At least 1; of auto: factorizations, about. Default: the solver's own.")
     ] = None,
     penalty_rule: Annotated[PenaltyRule, typer.Option(help="How ADMM moves rho.")] = PenaltyRule.RESIDUAL_BALANCING,
     facets: Annotated[int, typer.Option(help="Sides of lcp-pgs' friction pyramid: even, 4 to 64.")] = 4,
     impedance: Annotated[
-        float, typer.Option(help="Of convex-newton: d, in [0.001, 1); its compliance is (1 - d) / d.")
+        float, typer.Option(help="Of convex-newton: d, in [0.001, 1 - 1e-6]; its compliance is (1 - d) / d.")
     ] = 0.9,
     operator: Annotated[
         Operator | None, typer.Option(help="Explicit matrix or mass matrix; default: what the file holds.")
@@ -79,7 +79,7 @@ def solve(
 
     Exit status: 0 when all are solved, 1 when one is not, 2 on bad input.
     """
-    errors = Console(stderr=True)
+    errors = printer(stderr=True)
     options: dict[str, Any] = {
         "solver": solver.value,
         "law": law.value,
@@ -95,6 +95,11 @@ def solve(
         report(errors, error)
         raise typer.Exit(2) from None
     paths, bad_input = _expand(files, errors)
+    try:
+        check_outputs({"--json": json_file}, paths)
+    except signorini.InvalidInputError as error:
+        report(errors, error)
+        raise typer.Exit(2) from None
     results: list[Result] = []
     with Progress(
         TextColumn("solving"),
@@ -150,9 +155,9 @@ def _print_table(results: list[Result], tolerance: float) -> None:
         status = result["status"]
         solved += status == "solved"
         table.add_row(
-            escape(result["name"]),
+            result["name"],
             result["solver"],
-            status if status == "solved" else f"[red]{status}[/red]",
+            Text(status, style="" if status == "solved" else "red"),
             str(result["num_contacts"]),
             str(result["iterations"]),
             str(result["factorizations"]),
@@ -160,12 +165,12 @@ def _print_table(results: list[Result], tolerance: float) -> None:
             *("nan" if (value := result["residual"][key]) is None else f"{value:.1e}" for key in COLUMNS),
         )
     # Into a file or a pipe: as wide as the table needs, nothing cut off.
-    console = Console() if sys.stdout.isatty() else Console(width=200)
+    console = printer() if sys.stdout.isatty() else printer(width=200)
     console.print(table)
-    console.print(f"{solved} of {len(results)} solved", highlight=False)
+    console.print(f"{solved} of {len(results)} solved")
     unbounded = [result["name"] for result in results if _grows_without_bound(result, tolerance)]
     if unbounded:
-        console.print(f"perhaps without solution (impulses grow without bound): {', '.join(unbounded)}", markup=False)
+        console.print(f"perhaps without solution (impulses grow without bound): {', '.join(unbounded)}")
 
 
 def _grows_without_bound(result: Result, tolerance: float) -> bool:

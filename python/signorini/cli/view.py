@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 import signorini
-from signorini.cli._output import report
+from signorini.cli._output import check_outputs, printer, report
 
 if TYPE_CHECKING:
     from signorini.view.looks import Looks
@@ -33,17 +32,22 @@ def view(
     html: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write one HTML file that needs no server, and stop.")
     ] = None,
-    fps: Annotated[float, typer.Option(help="With --html: frames a second, in (0, 240].")] = 30.0,
+    fps: Annotated[
+        float | None, typer.Option(help="With --html: frames a second, in (0, 240]; default: 30.", show_default=False)
+    ] = None,
 ) -> None:
     """Show a recording on a web page, to everybody who opens it; Ctrl-C ends.
 
     Exit status: 0 when all is well, 2 on bad input.
     """
-    errors = Console(stderr=True)
+    errors = printer(stderr=True)
     try:
         from signorini import recording
         from signorini.view import viewer
 
+        if fps is not None and html is None:
+            raise signorini.InvalidInputError("--fps: has no effect without --html")
+        check_outputs({"--html": html}, [file])
         held = recording.read(file)
         looks = looks_of(file, held)
         if html is not None:
@@ -53,7 +57,7 @@ def view(
             ) as progress:  # fmt: skip
                 task = progress.add_task("frames", total=1.0)
                 size = viewer.write_html(
-                    held, looks, html, fps=fps, shadows=not no_shadows,
+                    held, looks, html, fps=30.0 if fps is None else fps, shadows=not no_shadows,
                     progress=lambda share: progress.update(task, completed=share),
                 )  # fmt: skip
             print(f"{html}: {size / 1e6:.1f} MB")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from signorini import _files
 from signorini.experiments import _paper
 from signorini.experiments._all import Outcome
 from signorini.experiments._markdown import Markdown
@@ -45,8 +46,8 @@ class Page:
         for writer in (page, text):
             self._into(writer)
         files = [self.output / "report.html", self.output / "report.md"]
-        files[0].write_text(page.text())
-        files[1].write_text(text.text())
+        _files.write(files[0], page.text().encode())
+        _files.write(files[1], text.text().encode())
         return files
 
     def _into(self, out: _Writer) -> None:

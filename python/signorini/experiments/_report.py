@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import signorini
-from signorini import _core
+from signorini import _core, _files
 from signorini.experiments._markdown import Markdown
 
 
@@ -84,7 +84,7 @@ class Report:
             "tables": self.tables,
             **self.numbers,
         }
-        path.write_text(json.dumps(_plain(content), indent=1, allow_nan=False) + "\n")
+        _files.write(path, (json.dumps(_plain(content), indent=1, allow_nan=False) + "\n").encode())
         page = Markdown()
         page.heading(1, self.name + (", a sample" if options.quick else ""))
         page.listing([str(verdict) for verdict in self.verdicts])
@@ -92,7 +92,7 @@ class Report:
             page.heading(2, title)
             page.table(columns, rows)
         page.listing(self.notes)
-        path.with_suffix(".md").write_text(page.text())
+        _files.write(path.with_suffix(".md"), page.text().encode())
         self.files[:0] = [path, path.with_suffix(".md")]
         return path
 
@@ -184,7 +184,7 @@ class RunLog:
             pass  # cut off in the middle of a line: what came before it stands
         # Written anew: without the line that was cut off, if any.
         text = [json.dumps(header)] + [json.dumps(item) for item in self.items.values()]
-        path.write_text("\n".join(text) + "\n")
+        _files.write(path, ("\n".join(text) + "\n").encode())
 
     def __contains__(self, key: str) -> bool:
         return key in self.items

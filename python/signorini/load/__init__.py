@@ -27,8 +27,9 @@ import numpy.typing as npt
 
 from signorini import _arrays
 from signorini._core import InvalidInputError
+from signorini._files import checked
 from signorini.load import _xml, mesh
-from signorini.load._ground import lowest_point
+from signorini.load._ground import add_touching_ground
 from signorini.load._options import Added, Compliance, Options
 from signorini.load._placement import Placement, from_quaternion
 
@@ -94,7 +95,7 @@ def load(
         decompose=decompose,
     )
     loaded = assemble(
-        _path(path),
+        checked(path),
         options,
         format=format,
         ground=ground,
@@ -157,10 +158,7 @@ def assemble(
         if exclude_overlapping_pairs(builder, world, [added], configurations):
             world = _named(path, builder.build)
     if height == "touching":
-        lowest = lowest_point(world)
-        if lowest is None:
-            builder.warn(f"{path.name}: has nothing that collides, so the ground touches nothing; it is at z = 0")
-        builder.add_ground(ground_material, lowest or 0.0)
+        add_touching_ground(builder, world, path.name, ground_material)
         world = _named(path, builder.build)
     return Loaded(world, builder, added)
 
@@ -202,7 +200,7 @@ def add_file(
     Raises InvalidInputError naming file, line and element, and what is allowed. What had been added by then stays in
     the builder.
     """
-    path = _path(path)
+    path = checked(path)
     options = _options(
         prefix=prefix,
         position=position,
@@ -303,12 +301,6 @@ def _tuple(field: str, given: Any, kind: Any, wanted: str) -> tuple[Any, ...]:
     if not all(isinstance(value, kind) for value in values):
         raise InvalidInputError(f"{field}: is {given!r}, must be {wanted}")
     return values
-
-
-def _path(path: Any) -> Path:
-    if not isinstance(path, (str, os.PathLike)):
-        raise InvalidInputError(f"path: is {path!r}, must be a path")
-    return Path(path)
 
 
 def _check_materials(material: Any) -> None:

@@ -9,7 +9,21 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
-    from signorini._world import World
+    from signorini._world import Material, World, WorldBuilder
+
+
+NOTHING_TOUCHES = "has nothing that collides, so the ground touches nothing; it is at z = 0"
+
+
+def add_touching_ground(builder: WorldBuilder, world: World, file: str, material: Material | None = None) -> float:
+    """Adds a ground that the lowest point of a world touches, or one at 0, with a warning, where nothing would; returns
+    its height [m]."""
+    height = lowest_point(world)
+    if height is None:
+        builder.warn(f"{file}: {NOTHING_TOUCHES}")
+        height = 0.0
+    builder.add_ground(material, height)
+    return height
 
 
 def lowest_point(world: World, q: npt.ArrayLike | None = None) -> float | None:

@@ -9,6 +9,9 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 import signorini
+from signorini import _arrays
+from signorini._problem import check_problem
+from signorini._solution import check_tolerance
 from signorini._solve import LawName
 
 Array = npt.NDArray[np.float64]
@@ -71,9 +74,10 @@ def judged(
     )
 
 
-def check_input(problem: signorini.ContactProblem, law: LawName, tolerance: float) -> None:
+def check_input(problem: signorini.ContactProblem, law: LawName, tolerance: float, max_iterations: int) -> None:
     """Raises InvalidInputError for what peers do not take, some of them by a crash: constraints other than friction
-    cones, or none; another law than "ncp" or "ccp"; a tolerance outside (0, 1)."""
+    cones, or none; another law than "ncp" or "ccp"; limits that check_limits refuses."""
+    check_problem(problem)
     if 3 * problem.num_contacts != problem.size:
         raise signorini.InvalidInputError(
             "problem: has constraints other than friction cones, which the peers do not take"
@@ -82,8 +86,13 @@ def check_input(problem: signorini.ContactProblem, law: LawName, tolerance: floa
         raise signorini.InvalidInputError("problem: has no contacts, must have at least 1 for a peer")
     if law not in ("ncp", "ccp"):
         raise signorini.InvalidInputError(f'law: is "{law}", must be "ncp" or "ccp"')
-    if not 0.0 < tolerance < 1.0:
-        raise signorini.InvalidInputError(f"tolerance: is {tolerance}, must be in (0, 1)")
+    check_limits(tolerance, max_iterations)
+
+
+def check_limits(tolerance: float, max_iterations: int) -> None:
+    """Raises InvalidInputError for a tolerance outside (0, 1) and for less than one iteration, as solve() does."""
+    check_tolerance(tolerance)
+    _arrays.count("max_iterations", max_iterations, 1)
 
 
 def system_matrix(problem: signorini.ContactProblem) -> sp.csc_matrix:

@@ -39,7 +39,7 @@ def solve_by_cone_programs(
     At most MAX_OUTER_ITERATIONS of them and max_iterations in all, until the certificate holds or PATIENCE runs out.
     The best impulse seen is returned.
     """
-    check_input(problem, law, tolerance)
+    check_input(problem, law, tolerance, max_iterations)
     matrix = system_matrix(problem)
     program = ConeProgram.of(problem, matrix)
     start = time.perf_counter()

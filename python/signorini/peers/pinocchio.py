@@ -53,7 +53,7 @@ def solve_admm(
 
     seconds is the call of solve alone, factorisations included; the operator and the solver are built before.
     """
-    check_input(problem, law, tolerance)
+    check_input(problem, law, tolerance, max_iterations)
     version()
     import pinocchio as pin
 
@@ -98,7 +98,7 @@ def solve_pgs(
     Its absolute and relative tolerances are a hundredth of the one asked for: at 1e-6 it has claimed success with
     relative certificates above 1e-2. Where friction is 0 it claims success at once, with the impulse it started from.
     """
-    check_input(problem, law, tolerance)
+    check_input(problem, law, tolerance, max_iterations)
     if law != "ncp":
         raise signorini.InvalidInputError('law: Pinocchio 4.1 solves the "ncp" by PGS whatever it is told')
     version()

@@ -8,9 +8,9 @@ import numpy as np
 import scipy.sparse as sp
 
 import signorini
-from signorini._problem import FrictionCone, HalfLine, Interval
+from signorini._problem import FrictionCone, HalfLine, Interval, check_problem
 from signorini._solve import LawName
-from signorini.peers._common import Array, ConeProgram, PeerSolution, PeerUnavailableError, judged
+from signorini.peers._common import Array, ConeProgram, PeerSolution, PeerUnavailableError, check_limits, judged
 from signorini.peers._fixed_point import solve_by_cone_programs
 
 NAME = "scs"
@@ -70,6 +70,8 @@ def solve_ccp(
     defaults, and the tolerance asked for, absolute (in units in which G + R has a unit diagonal and g a unit size) and
     relative.
     """
+    check_problem(problem)
+    check_limits(tolerance, max_iterations)
     version()
     import scs
 

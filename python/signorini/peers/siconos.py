@@ -144,7 +144,9 @@ def solve(
     done and our certificate does not hold (its error is relative to |q|), it is asked again at a tenth and a hundredth,
     and the time is that of the last attempt alone. One thread; killed after timeout seconds.
     """
-    check_input(problem, law, tolerance)
+    if max_iterations is None:
+        max_iterations = 20000 if method == "nsgs" else 300
+    check_input(problem, law, tolerance, max_iterations)
     if law != "ncp":
         raise signorini.InvalidInputError('law: Siconos solves the "ncp" only')
     if method not in METHODS:
@@ -164,8 +166,6 @@ def solve(
         friction=np.asarray(problem.friction),
     )
     storage = "blocks" if method == "nsgs" else "dense" if problem.size <= _DENSE_ROWS else "sparse"
-    if max_iterations is None:
-        max_iterations = 20000 if method == "nsgs" else 300
     request = {
         "problem": str(problem_file),
         "answer": str(answer_file),

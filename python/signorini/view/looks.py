@@ -16,6 +16,12 @@ from signorini._world import World
 from signorini.view.drawables import Drawable, body_placements, drawables
 
 Array = npt.NDArray[np.float64]
+#: Of each array in a file: numpy kinds, and columns (None: it has one dimension).
+_SHAPES: dict[str, tuple[str, int | None]] = {
+    "vertices": ("iuf", 3), "triangles": ("iuf", 3), "mesh_sizes": ("iu", 2), "body": ("iu", None),
+    "mesh": ("iu", None), "center": ("f", 3), "scale": ("f", 3), "color": ("f", 4), "collision": ("iu", None),
+    "flat": ("iu", None), "names": ("iu", None),
+}  # fmt: skip
 _INT16 = 32767.0  # a mesh lies in a cube of half edge 1, in steps of 1/32767: 15 um in 1 m
 
 
@@ -105,6 +111,11 @@ class Looks:
         return body_placements(self._skeleton, self._skeleton.initial_q)
 
     @property
+    def num_q(self) -> int:
+        """Values of a configuration. Raises what a damaged description of bodies and joints leads to."""
+        return int(self._skeleton.num_q)
+
+    @property
     def reference_q(self) -> Array:
         """A configuration; what never moves is at its place in all of them."""
         return self._skeleton.initial_q
@@ -155,34 +166,52 @@ class Looks:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, npt.NDArray[Any]]) -> Looks:
-        """The reverse. Raises KeyError or ValueError when the arrays do not fit together."""
-        sizes = np.asarray(arrays["mesh_sizes"], dtype=np.int64)
+        """The reverse. Raises KeyError, TypeError or ValueError when the arrays do not fit together."""
+        given = {name: _fitting(name, arrays[name]) for name in _SHAPES}
+        sizes = given["mesh_sizes"].astype(np.int64)
         ends = np.cumsum(sizes, axis=0)
-        if len(sizes) and (ends[-1] != (len(arrays["vertices"]), len(arrays["triangles"]))).any():
+        last = ends[-1] if len(sizes) else (0, 0)
+        if (sizes < 0).any() or tuple(last) != (len(given["vertices"]), len(given["triangles"])):
             raise ValueError("mesh_sizes: do not add up to the vertices and triangles that there are")
         meshes = []
         for (num_vertices, num_triangles), (end_v, end_t) in zip(sizes, ends, strict=True):
-            vertices = np.asarray(arrays["vertices"][end_v - num_vertices : end_v], dtype=np.float32)
-            triangles = np.asarray(arrays["triangles"][end_t - num_triangles : end_t], dtype=np.int32)
+            vertices = np.asarray(given["vertices"][end_v - num_vertices : end_v], dtype=np.float32)
+            triangles = np.asarray(given["triangles"][end_t - num_triangles : end_t], dtype=np.int32)
             if triangles.size and not 0 <= triangles.min() <= triangles.max() < num_vertices:
                 raise ValueError("triangles: name vertices that are not there")
             meshes.append(Mesh(vertices / np.float32(_INT16), triangles))
-        names = json.loads(np.asarray(arrays["names"], dtype=np.uint8).tobytes())
-        body, mesh = (np.asarray(arrays[key], dtype=np.int32) for key in ("body", "mesh"))
-        if body.size and not (body.min() >= 0 and body.max() < len(names["bodies"]) and mesh.max() < len(meshes)):
-            raise ValueError("body, mesh: name bodies or meshes that are not there")
+        names = json.loads(given["names"].astype(np.uint8).tobytes())
+        body, mesh = (given[key].astype(np.int32) for key in ("body", "mesh"))
+        for key, values, count in (
+            ("body", body, len(names["bodies"])),
+            ("mesh", mesh, len(meshes)),
+            ("geometries", np.array([int(g["body"]) for g in names["geometries"]]), len(names["bodies"])),
+        ):
+            if values.size and not 0 <= values.min() <= values.max() < count:
+                raise ValueError(f"{key}: names what is not there")
+        if any(len(given[key]) != len(body) for key in ("mesh", "center", "scale", "color", "collision", "flat")):
+            raise ValueError("body, mesh, center, scale, color, collision, flat: must have as many rows")
         return cls(
             meshes=tuple(meshes),
             body=body,
             mesh=mesh,
-            center=np.asarray(arrays["center"], dtype=np.float64),
-            scale=np.asarray(arrays["scale"], dtype=np.float64),
-            color=np.asarray(arrays["color"], dtype=np.float64),
-            collision=np.asarray(arrays["collision"], dtype=bool),
-            flat=np.asarray(arrays["flat"], dtype=bool),
+            center=given["center"].astype(np.float64),
+            scale=given["scale"].astype(np.float64),
+            color=np.clip(given["color"].astype(np.float64), 0.0, 1.0),
+            collision=given["collision"].astype(bool),
+            flat=given["flat"].astype(bool),
             bodies=names["bodies"],
             geometries=names["geometries"],
         )
+
+
+def _fitting(name: str, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    kinds, columns = _SHAPES[name]
+    if values.dtype.kind not in kinds or values.shape[1:] != (() if columns is None else (columns,)) or not values.ndim:
+        raise ValueError(f"{name}: has shape {values.shape} of type {values.dtype}")
+    if not np.isfinite(values).all():
+        raise ValueError(f"{name}: must be finite")
+    return values
 
 
 def _normalised(part: Drawable) -> tuple[Array, Array, Mesh]:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from signorini import _files
 from signorini._core import InvalidInputError
 from signorini.view.drawables import Drawable, body_placements, drawables
 
@@ -206,7 +207,8 @@ def write_png(path: str | PathLike[str], image: Image) -> None:
         import PIL.Image
     except ImportError as error:
         raise ImportError(f"{path}: pillow writes it: pip install signorini[view] ({error})") from None
-    PIL.Image.fromarray(image).save(path, optimize=True)
+    with _files.replacing(path) as target:
+        PIL.Image.fromarray(image).save(target, "PNG", optimize=True)
 
 
 def picture(

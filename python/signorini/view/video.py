@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy.typing as npt
 
+from signorini import _files
 from signorini._core import InvalidInputError
 from signorini.view.picture import Camera, Forces, Image, Stage, checked_size, checked_suffix, force_scale
 
@@ -101,7 +102,7 @@ def write_mp4(
     if count < 1:
         raise InvalidInputError(f"count: is {count}, must be at least 1")
     samples, keys, configuration = _encoded(images, count, checked_size(size, even=True))
-    path.write_bytes(_mp4(samples, keys, configuration, size, fps))
+    _files.write(path, _mp4(samples, keys, configuration, size, fps))
 
 
 def _encoded(images: Iterable[Image], count: int, size: tuple[int, int]) -> tuple[list[bytes], list[int], bytes]:

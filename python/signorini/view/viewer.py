@@ -6,13 +6,13 @@ import threading
 import time
 from collections.abc import Callable
 from os import PathLike
-from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from signorini import _files
 from signorini._core import InvalidInputError
 from signorini.recording import ContactReader, Contacts, Recording
 from signorini.view.looks import Looks
@@ -470,7 +470,9 @@ def write_html(
         text = serializer.as_html()
     finally:
         stop_server(server)
-    return Path(path).write_bytes(text.encode())
+    content = text.encode()
+    _files.write(path, content)
+    return len(content)
 
 
 def _measures(recording: Recording, looks: Looks) -> tuple[Extent, float]:
