@@ -117,8 +117,8 @@ def finite(field: str, value: Any, shape: tuple[int, ...]) -> Array:
     array = numbers(field, value)
     if array.shape not in (shape, ()):
         raise InvalidInputError(f"{field}: has shape {array.shape}, must be {shape}")
-    small = np.abs(array) <= 1e100
-    if not small.all():
+    if array.size and not np.abs(array).max() <= 1e100:
+        small = np.abs(array) <= 1e100
         at = np.unravel_index(int(np.argmin(small)), array.shape)
         place = f"[{', '.join(map(str, at))}]" if at else ""
         raise InvalidInputError(f"{field}{place}: is {array[at]}, must be within +-1e100")

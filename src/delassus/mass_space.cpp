@@ -4,20 +4,37 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <string>
 
 #include "block_lu.hpp"
 #include "explicit_system.hpp"
 #include "islands.hpp"
 #include "require.hpp"
-#include "whiten.hpp"
+#include "twofold_cholesky.hpp"
 
 namespace signorini {
 namespace {
 
-// Of M, its rows scaled: below the first its rounding would decide G; below the second M^-1 J^T, as it is computed from
-// M, would be off by more than 1e-12 of itself.
-constexpr double kUnsymmetric = 1e-6, kSingular = 1e-15, kIllConditioned = 1e-4;
+constexpr double kUnsymmetric = 1e-6;  // |M - M^T| over the root of the two entries of the diagonal
+// Reciprocal condition of M scaled to diagonal 1: below the first the rounding of M itself would decide G; below the
+// second M^-1 J^T would be off by more than 1e-12 of itself.
+constexpr double kSingular = 1e-15, kIllConditioned = 1e-4;
+
+/// Half a matrix is never meant, but easily passed.
+void require_symmetric(const SparseMatrix& mass, const SparseMatrix& transpose) {
+  const Vector diagonal = mass.diagonal();
+  const SparseMatrix odd = mass - transpose;
+  for (Index c = 0; c < odd.cols(); ++c)
+    for (SparseMatrix::InnerIterator it(odd, c); it; ++it) {
+      const double allowed = kUnsymmetric * std::sqrt(std::abs(diagonal[it.row()] * diagonal[c]));
+      if (std::abs(it.value()) <= allowed) continue;
+      const std::string i = std::to_string(it.row()), k = std::to_string(c);
+      throw InvalidInput("mass", "has M[" + i + ", " + k + "] = " + in_full(mass.coeff(it.row(), c)) + " and M[" + k +
+                                     ", " + i + "] = " + in_full(transpose.coeff(it.row(), c)) +
+                                     ", must be symmetric, to 1e-6 of the root of their diagonal entries");
+    }
+}
 
 /// Of m scaled to diagonal 1, as a free body's metres and radians do not matter.
 double reciprocal_condition(Matrix m) {
@@ -586,10 +603,8 @@ MassSpaceDelassus::MassSpaceDelassus(const SparseMatrix& mass, const SparseMatri
   require_finite("mass", mass);
   require_finite("jacobian", jacobian);
   asymmetry_ = asymmetry_of(mass);
-  if (!(asymmetry_ <= kUnsymmetric)) {
-    throw InvalidInput("mass", "has max |M - M^T| / max |M| = " + in_full(asymmetry_) + ", must be symmetric, to 1e-6");
-  }
   const SparseMatrix transpose = mass.transpose();
+  require_symmetric(mass, transpose);
   mass_ = asymmetry_ == 0.0 ? mass : SparseMatrix(0.5 * (mass + transpose));
   jacobian_ = jacobian;
   const auto nonzero = [](Index, Index, double value) { return value != 0.0; };
@@ -619,7 +634,7 @@ void MassSpaceDelassus::invert_mass() {
     groups_[group_of_[c]].push_back(c);
   }
   std::vector<Eigen::LLT<Matrix>> cholesky(groups_.size());
-  std::vector<std::size_t> ill_conditioned;
+  std::map<int, TwofoldCholesky> exact;  // of the ill-conditioned ones
   for (std::size_t k = 0; k < groups_.size(); ++k) {
     const auto size = static_cast<Index>(groups_[k].size());
     Matrix block = Matrix::Zero(size, size);
@@ -629,18 +644,17 @@ void MassSpaceDelassus::invert_mass() {
     if (cholesky[k].info() != Eigen::Success) {
       throw InvalidInput("mass", "is not positive definite, in the block of row " + std::to_string(groups_[k].front()));
     }
-    const double reciprocal = size > 1 ? reciprocal_condition(std::move(block)) : 1.0;
+    // Scaling to diagonal 1 is within a factor of size of the best (van der Sluis 1969).
+    if (size == 1 || cholesky[k].rcond() >= static_cast<double>(size) * kIllConditioned) continue;
+    const double reciprocal = reciprocal_condition(block);
     if (!(reciprocal >= kSingular)) {
       throw InvalidInput("mass", "has the reciprocal condition " + in_full(reciprocal) + " in the block of row " +
                                      std::to_string(groups_[k].front()) + ", its rows scaled to diagonal 1, must be " +
                                      "at least 1e-15: its rounding would decide the answer");
     }
-    if (reciprocal < kIllConditioned) ill_conditioned.push_back(k);
-  }
-  if (!ill_conditioned.empty()) {
-    whiten_groups(ill_conditioned, position);
-    for (const std::size_t k : ill_conditioned)
-      cholesky[k].compute(Matrix::Identity(cholesky[k].rows(), cholesky[k].rows()));
+    if (reciprocal < kIllConditioned && !exact[static_cast<int>(k)].factor(block)) {
+      throw InvalidInput("mass", "is not positive definite, in the block of row " + std::to_string(groups_[k].front()));
+    }
   }
   std::vector<Eigen::Triplet<double>> triplets;
   std::vector<Vector> rhs(groups_.size());
@@ -656,7 +670,11 @@ void MassSpaceDelassus::invert_mass() {
       rhs[k][position[it.row()]] = it.value();
     }
     for (const int k : touched) {
-      cholesky[k].solveInPlace(rhs[k]);
+      const auto precise = exact.find(k);
+      if (precise != exact.end())
+        precise->second.solve(rhs[k]);
+      else
+        cholesky[k].solveInPlace(rhs[k]);
       for (std::size_t c = 0; c < groups_[k].size(); ++c)
         triplets.emplace_back(groups_[k][c], static_cast<int>(i), rhs[k][static_cast<Index>(c)]);
       rhs[k].resize(0);
@@ -665,45 +683,6 @@ void MassSpaceDelassus::invert_mass() {
   inverse_mass_jacobian_.resize(nv, size());
   inverse_mass_jacobian_.setFromTriplets(triplets.begin(), triplets.end());
   inverse_mass_jacobian_.prune([](Index, Index, double value) { return value != 0.0; });
-}
-
-/// The velocities of these groups become L^T times themselves: M the identity there, and J^T L^-1 J^T, exact but for
-/// rounding. G is the same.
-void MassSpaceDelassus::whiten_groups(const std::vector<std::size_t>& groups, const std::vector<int>& position) {
-  std::vector<bool> whitened(groups_.size(), false);
-  std::vector<Eigen::Triplet<double>> mass, jacobian;
-  for (const std::size_t k : groups) {
-    const std::vector<int>& group = groups_[k];
-    whitened[k] = true;
-    const auto size = static_cast<Index>(group.size());
-    std::vector<int> rows;
-    for (const int c : group)
-      for (SparseMatrix::InnerIterator it(jacobian_, c); it; ++it) rows.push_back(static_cast<int>(it.row()));
-    std::sort(rows.begin(), rows.end());
-    rows.erase(std::unique(rows.begin(), rows.end()), rows.end());
-    Matrix block = Matrix::Zero(size, size), columns = Matrix::Zero(size, static_cast<Index>(rows.size()));
-    for (const int c : group) {
-      for (SparseMatrix::InnerIterator it(mass_, c); it; ++it) block(position[it.row()], position[c]) = it.value();
-      for (SparseMatrix::InnerIterator it(jacobian_, c); it; ++it)
-        columns(position[c], std::lower_bound(rows.begin(), rows.end(), it.row()) - rows.begin()) = it.value();
-    }
-    if (!whiten(block, columns)) {
-      throw InvalidInput("mass", "is not positive definite, in the block of row " + std::to_string(group.front()));
-    }
-    for (Index i = 0; i < size; ++i) {
-      mass.emplace_back(group[i], group[i], 1.0);
-      for (Index c = 0; c < columns.cols(); ++c)
-        if (columns(i, c) != 0.0) jacobian.emplace_back(rows[c], group[i], columns(i, c));
-    }
-  }
-  for (int c = 0; c < num_velocities(); ++c) {
-    if (whitened[group_of_[c]]) continue;
-    for (SparseMatrix::InnerIterator it(mass_, c); it; ++it) mass.emplace_back(it.row(), c, it.value());
-    for (SparseMatrix::InnerIterator it(jacobian_, c); it; ++it) jacobian.emplace_back(it.row(), c, it.value());
-  }
-  mass_.setFromTriplets(mass.begin(), mass.end());
-  jacobian_.setFromTriplets(jacobian.begin(), jacobian.end());
-  transpose_ = jacobian_.transpose();
 }
 
 void MassSpaceDelassus::apply(const ConstVectorRef& x, VectorRef y) const {

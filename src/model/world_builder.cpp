@@ -134,10 +134,10 @@ std::string inertia_fault(double mass, const Matrix3& inertia) {
   const Vector3 moments = Eigen::SelfAdjointEigenSolver<Matrix3>(inertia, Eigen::EigenvaluesOnly).eigenvalues();
   const double largest = moments.cwiseAbs().maxCoeff();
   if (mass == 0.0) return largest > 0.0 ? "the mass is 0 and the inertia is not" : "";
-  if (largest < mass * kPoint * kPoint) return "";
   std::ostringstream out;
   out << "the principal moments are " << moments[0] << ", " << moments[1] << ", " << moments[2] << ", ";
   if (moments[0] < -1e-9 * largest) return out.str() + "none may be negative";
+  if (largest < mass * kPoint * kPoint) return "";
   if (moments[0] + moments[1] >= moments[2] * (1.0 - kTriangle)) return "";
   return out.str() + "each must be at most the sum of the other two";
 }

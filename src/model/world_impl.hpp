@@ -31,9 +31,9 @@ struct FreeBody {
   int body = 0;
   Index q = 0, v = 0;  ///< first entries of its joint in q and v
   double mass = 0.0;
-  Vector3 center = Vector3::Zero();  ///< of mass, in the frame of the body
-  Matrix3 inertia, inverse_inertia;  ///< about the centre of mass
-  Matrix6 mass_matrix;               ///< about the frame's origin, (linear, angular)
+  Vector3 center = Vector3::Zero();                                      ///< of mass, in the frame of the body
+  Matrix3 inertia = Matrix3::Zero(), inverse_inertia = Matrix3::Zero();  ///< about the centre of mass
+  Matrix6 mass_matrix = Matrix6::Zero();  ///< about the frame's origin, (linear, angular)
 };
 
 struct World::Impl {

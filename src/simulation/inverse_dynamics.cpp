@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
-#include <utility>
 
 #include "closest_motion.hpp"
 #include "contact_report.hpp"
@@ -367,6 +366,7 @@ const InverseDynamicsResult& InverseDynamics::Impl::solve(const Input& input) {
              input.external_wrench.size() > 0 ? &input.external_wrench : nullptr, dt, other, implicit);
   result.v_next = input.v_next;
   settled.clear();
+  inverse.keep = undoes_step(input);
   start(input, nullptr);
   if (input.closest)
     find_closest(input);
@@ -423,23 +423,24 @@ void InverseDynamics::Impl::find_force_of_step(const Input& input) {
 /// Whether this is the very step that the given simulator made, certified to the tolerance asked for.
 bool InverseDynamics::Impl::undoes_step(const Input& input) const {
   const Simulator* s = input.simulator;
-  return s && !input.closest && s->settings().time_step == settings.time_step &&
+  return s && !input.closest && detected_at.size() > 0 && s->settings().time_step == settings.time_step &&
+         s->settings().baumgarte == settings.baumgarte &&
+         s->settings().max_correction_speed == settings.max_correction_speed &&
+         s->settings().restitution_threshold == settings.restitution_threshold &&
          s->settings().solver.law == inverse.law && s->stepped_from(q, input.v) && s->v() == input.v_next &&
          s->report().residual.solves(inverse.tolerance);
 }
 
 void InverseDynamics::Impl::find_impulses_and_bounces(const Input& input) {
-  if (undoes_step(input)) {
+  if (inverse.keep) {
     // Its impulses are the answer. Their certificate counts in impulses, and may allow a little more than `relative`.
     for (const Assembler::Set& theirs : input.simulator->assembler().sets())
       for (std::size_t i = 0; i < assembler.sets().size(); ++i)
         if (theirs.bounce != 0.0 && assembler.sets()[i].source == theirs.source &&
             assembler.sets()[i].index == theirs.index)
           assembler.set_bounce(i, theirs.bounces);
-    const int steps = std::exchange(inverse.max_iterations, 0);
     find_impulses();
-    inverse.max_iterations = steps;
-    if (solution.status == Status::MaxIterations) solution.status = Status::Solved;
+    if (solution.status != Status::Invalid) solution.status = Status::Solved;
     return;
   }
   find_bounces();

@@ -78,7 +78,7 @@ class Reader {
     if (bytes_.size() < sizeof hash) fail("ends too early");
     const std::size_t before = bytes_.size() - sizeof hash;
     std::memcpy(&hash, bytes_.data() + before, sizeof hash);
-    if (hash != fnv1a(bytes_.data(), before)) fail("is damaged: its checksum is not what save() gave");
+    if (hash != fnv1a_of_words(bytes_.data(), before)) fail("is damaged: its checksum is not what save() gave");
   }
   void end() {
     if (at_ != bytes_.size()) fail("has something after its end");
@@ -555,7 +555,7 @@ std::string Simulator::save() const {
   out.text(s.detector.save());
   out.value(s.report.steps);
   out.value(s.report.unsolved);
-  out.value(fnv1a(out.bytes.data(), out.bytes.size()));
+  out.value(fnv1a_of_words(out.bytes.data(), out.bytes.size()));
   return out.bytes;
 }
 

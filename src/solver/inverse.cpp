@@ -14,8 +14,9 @@ namespace {
 
 constexpr double kOverflow = 1e100;  // beyond: no number to work with
 constexpr double kGain = 0.1, kNoGain = 0.9;
-constexpr double kBorder = 1e-12;     // share of the cone's radius that is rounding
-constexpr double kNearBorder = 1e-3;  // share of the impulse that the certificate of a step may leave it off the border
+constexpr double kBorder = 1e-12;  // share of the cone's radius that is rounding
+// InverseSettings::keep: share of an impulse, and of the tolerance times the largest one, by which it may move.
+constexpr double kMoves = 1e-3, kMovesOfLargest = 100.0;
 
 using Row3 = Eigen::Vector3d;
 
@@ -141,13 +142,10 @@ Status solve_set(const ConstraintSet& set, const InverseSettings& settings, cons
   if (set.type == SetType::FrictionCone && r[0] == 0.0 && r[2] == 0.0 && (c[0] != 0.0 || c[1] != 0.0)) {
     const Row3 slides = sliding_impulse(set.friction, settings.law, c, impulse);
     const double sliding = own_residual(slides.data());
-    const Row3 moved = slides - Eigen::Map<Row3>(impulse);
-    const bool near = length(moved.data(), 3) <= kNearBorder * length(slides.data(), 3);
-    if (sliding < least && (near || settings.max_iterations > 0)) least = sliding, Eigen::Map<Row3>(nearest) = slides;
-    if (least <= allowed || near) {
-      residual = least;
-      std::copy_n(nearest, rows, impulse);
-      if (residual <= allowed) return Status::Solved;
+    if (sliding < least) least = sliding, Eigen::Map<Row3>(nearest) = slides;
+    if (least <= allowed) {
+      Eigen::Map<Row3>{impulse} = slides;
+      return Status::Solved;
     }
   }
   for (iterations = 1; iterations <= settings.max_iterations; ++iterations) {
@@ -232,7 +230,7 @@ void judge(const ConstVectorRef& velocity, const ConstVectorRef& compliance, con
 void InverseSettings::validate() const {
   require(proximal_weight > 0.0 && proximal_weight <= 1e6, "proximal_weight", proximal_weight, "in (0, 1e6] 1/kg");
   require(tolerance > 0.0 && tolerance < 1.0, "tolerance", tolerance, "in (0, 1)");
-  require(max_iterations >= 0, "max_iterations", max_iterations, "at least 0");
+  require(max_iterations >= 1, "max_iterations", max_iterations, "at least 1");
 }
 
 void judge_inverse(const ConstVectorRef& velocity, const ConstVectorRef& compliance, const ConstraintSets& sets,
@@ -260,12 +258,22 @@ void solve_inverse(const ConstVectorRef& velocity, const ConstVectorRef& complia
   const double allowed = settings.tolerance * speed;
   solution.status = Status::Solved;
   solution.iterations = 0;
+  double largest = 0.0;
+  for (const ConstraintSet& set : sets) largest = std::max(largest, length(x.data() + set.offset, set.size()));
   for (const ConstraintSet& set : sets) {  // none feels another
-    const Index at = set.offset;
+    const Index at = set.offset, rows = set.size();
+    double start[3], moved[3];
+    std::copy_n(x.data() + at, rows, start);
     int iterations = 0;
-    const Status own =
+    Status own =
         solve_set(set, settings, velocity.data() + at, compliance.data() + at, allowed, x.data() + at, iterations);
     solution.iterations = std::max(solution.iterations, iterations);
+    for (Index k = 0; k < rows; ++k) moved[k] = x[at + k] - start[k];
+    const double near = kMoves * length(start, rows) + kMovesOfLargest * settings.tolerance * largest;
+    if (settings.keep && !(length(moved, rows) <= near)) {
+      std::copy_n(start, rows, x.data() + at);
+      own = Status::MaxIterations;
+    }
     if (severity(own) > severity(solution.status)) solution.status = own;
   }
   judge(velocity, compliance, sets, settings.law, speed, solution);

@@ -132,8 +132,12 @@ MASS_BAD = {
     "mass of another size": ({"mass": np.eye(5)}, "jacobian"),
     "mass singular": ({"mass": np.diag([1.0, 1, 1, 0])}, "mass"),
     "mass negative": ({"mass": -np.eye(4)}, "mass"),
-    "mass of one triangle": ({"mass": np.tri(4) + 4 * np.eye(4)}, r"mass: has max \|M - M\^T\|"),
-    "mass unsymmetric": ({"mass": 9 * np.eye(4) + np.arange(16).reshape(4, 4)}, r"mass: has max \|M - M\^T\|"),
+    "mass of one triangle": ({"mass": np.tri(4) + 4 * np.eye(4)}, r"mass: has M\[1, 0\] = 1"),
+    "mass unsymmetric where it is small": (
+        {"mass": [[1e6, 0, 0, 0], [0, 1, 0.5, 0], [0, -0.3, 1, 0], [0, 0, 0, 1]]},
+        r"M\[1, 2\] = 0.5 and M\[2, 1\] = -0.3|M\[2, 1\] = -0.3 and M\[1, 2\] = 0.5",
+    ),
+    "mass unsymmetric": ({"mass": 9 * np.eye(4) + np.arange(16).reshape(4, 4)}, r"mass: has M\["),
     "mass singular but for rounding": (
         {"mass": np.ones((4, 4)) + 1e-16 * np.diag([1.0, 2, 3, 4]) + 2e-16 * np.eye(4)},
         "mass",

@@ -480,6 +480,7 @@ def test_huge_velocities_stay_finite_or_are_reported(tumble):
         (lambda b: b.add_body("world"), "body 'world'"),
         (lambda b: b.add_body("a", mass=1.0, inertia=-np.eye(3)), "body 'a'.inertia"),
         (lambda b: b.add_body("a", mass=1.0, inertia=np.diag([1, 1, -1e-6])), "body 'a'.inertia.*-1e-06.*negative"),
+        (lambda b: b.add_body("a", mass=1e3, inertia=np.diag([1e-10, 1e-10, -5e-10])), "body 'a'.inertia.*negative"),
         (lambda b: b.add_body("a", mass=1.0, inertia=np.diag([1, 1, 9])), "body 'a'.inertia.*1, 1, 9.*sum of the"),
         (lambda b: b.add_body("a", mass=0.0, inertia=np.eye(3)), "body 'a'.mass: is 0, must be > 0 where"),
         (lambda b: b.add_body("a", mass=1.0, inertia=np.eye(2)), r"body 'a'.inertia: has shape \(2, 2\)"),

@@ -6,7 +6,7 @@ namespace signorini {
 
 /// G = J M^-1 J^T kept as J and M. Systems are solved in the space of the nv generalised velocities (Woodbury), which
 /// is the smaller one in piles and stacks, where contacts are many and redundant. Where velocities that M ties together
-/// are ill-conditioned, G is computed in twice the working precision, so that what is certified is true of M and J.
+/// are ill-conditioned, M^-1 J^T is computed in twice the working precision: what is certified is true of M and J.
 class MassSpaceDelassus final : public DelassusOperator {
  public:
   /// mass: M, nv x nv, symmetric positive definite, both triangles [kg, kg m, kg m^2]. jacobian: J, n x nv.
@@ -16,6 +16,8 @@ class MassSpaceDelassus final : public DelassusOperator {
 
   Index size() const override { return jacobian_.rows(); }
   Index num_velocities() const { return mass_.rows(); }
+  const SparseMatrix& mass() const { return mass_; }
+  const SparseMatrix& jacobian() const { return jacobian_; }
   void apply(const ConstVectorRef& x, VectorRef y) const override;
   void diagonal(VectorRef diagonal) const override;
   SparseMatrix matrix() const override;
@@ -28,9 +30,8 @@ class MassSpaceDelassus final : public DelassusOperator {
 
  private:
   void invert_mass();
-  void whiten_groups(const std::vector<std::size_t>& groups, const std::vector<int>& position);
 
-  SparseMatrix mass_, jacobian_;          // in other velocities where M is ill-conditioned; G is the same
+  SparseMatrix mass_, jacobian_;
   SparseMatrix transpose_;                // of J
   std::vector<int> group_of_;             // of each velocity: those that M ties together are one
   std::vector<std::vector<int>> groups_;  // their velocities, ascending

@@ -9,7 +9,10 @@ struct InverseSettings {
   Law law = Law::Ncp;
   double proximal_weight = 1e-8;  ///< rho [1/kg], in (0, 1e6]; takes the place of a compliance that is 0
   double tolerance = 1e-6;        ///< on InverseSolution::relative, in (0, 1)
-  int max_iterations = 100;       ///< at least 0, where the guess is only put in K and judged
+  int max_iterations = 100;       ///< at least 1
+  /// A set whose answer is far from the guess keeps the guess, and is not solved: for a guess that is certified
+  /// already.
+  bool keep = false;
 
   /// Raises InvalidInput naming the field, its value and the allowed range.
   void validate() const;

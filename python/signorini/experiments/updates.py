@@ -70,7 +70,12 @@ def run(options: Options) -> Report:
         ours(case.name, "admm", _NEVER, max_iterations=MAX_ITERATIONS, **{**PAPER_SETTINGS, **case.settings})
         for case in rules + choices
     ]
-    log = RunLog(options.output / "updates.runs.jsonl", {"build": build_id(), "limit": MAX_ITERATIONS}, options.fresh)
+    setting = {
+        "build": build_id(),
+        "limit": MAX_ITERATIONS,
+        "cases": {case.name: case.settings for case in rules + choices},
+    }
+    log = RunLog(options.output / "updates.runs.jsonl", setting, options.fresh)
     work = [(family, path) for family in wanted for path in files[family]]
     for done, (family, path) in enumerate(work):
         key = f"{family}/{path.stem}"
@@ -130,7 +135,9 @@ def _row(name: str, one: dict[str, Any]) -> list[str]:
 
 
 def _verdicts(family: str, numbers: dict[str, Any]) -> list[Verdict]:
-    verdicts = []
+    verdicts: list[Verdict] = []
+    if family not in _paper.UPDATES:
+        return verdicts
     for name in (_open_name(*_FEWEST), _open_name(1e-6, 10.0, 0.25)):
         updates, (mean, deviation) = numbers["rules"][name]["updates"], numbers["rules"][name]["paper_updates"]
         verdicts.append(

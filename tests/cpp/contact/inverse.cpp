@@ -241,6 +241,6 @@ BOOST_AUTO_TEST_CASE(bad_input_names_the_field) {
     refuses("tolerance", good, good, good, settings);
   }
   settings = {};
-  settings.max_iterations = -1;
+  settings.max_iterations = 0;
   refuses("max_iterations", good, good, good, settings);
 }
