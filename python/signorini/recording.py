@@ -366,6 +366,15 @@ def read(path: str | PathLike[str]) -> Recording:
         raise InvalidInputError(f"{path}: is not a readable recording ({error})") from None
 
 
+def is_recording(path: str | PathLike[str]) -> bool:
+    """Whether a file is HDF5 that says it is a recording of signorini; it may be damaged all the same."""
+    try:
+        with _open(Path(path)) as file:
+            return bool(file.attrs.get("format") == FORMAT)
+    except (OSError, LookupError, ValueError, TypeError, RuntimeError):
+        return False
+
+
 def _open(path: Path) -> Any:
     """Its writer may be at work, or may have been killed; then the file says so, and HDF5 opens it on request only."""
     with path.open("rb") as file:

@@ -356,6 +356,7 @@ def contents(folder):
         ("run cube-stack --record /proc/x", "--record: /proc/x: cannot be written"),
         ("run cube-stack --record a --json a", "--json: a: is written by --record too, must be another"),
         ("run cube-stack --json other.h5", "--json: other.h5: is an HDF5 file"),
+        ("run cube-stack --record planted-0.hdf5", "--record: planted-0.hdf5: is an HDF5 file, must be another"),
         ("run cube-stack --picture r.png", "--picture: r.png: is an HDF5 file"),
         ("run cube-stack --video nowhere/a.mp4", "--video: nowhere: there is no such folder for a.mp4"),
         ("run cube-stack --hardest /proc/x", "--hardest: /proc/x: cannot be written"),
