@@ -52,7 +52,9 @@ def write(path: str | os.PathLike[str], content: bytes) -> None:
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yields a file to write, beside path, whose place it takes at the end; after an error, what was there stays.
 
-    Devices, pipes and what lies in a folder that takes no new files are written to as they are. Raises OSError.
+    The new file belongs to who writes it, and other hard links keep the old one. Devices, pipes and what lies in a
+    folder that takes no new files are written to as they are; into what only its owner may replace (as in /tmp), the
+    new content is copied at the end. Raises OSError.
     """
     given = checked(path)
     if given.exists() and not (given.is_file() or given.is_dir()):
@@ -68,10 +70,24 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         return
     beside = target.with_name(f".signorini-{secrets.token_hex(8)}{target.suffix[:16]}")
     try:
+        beside.touch(exist_ok=False)
         yield beside
         if there:
             shutil.copymode(target, beside)
-        beside.replace(target)
-    except BaseException:
+        _take_place(beside, target)
+    except BaseException as error:
         beside.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename == str(beside):  # nobody knows that name
+            error.filename = str(path)
+            del error.filename2
         raise
+
+
+def _take_place(beside: Path, target: Path) -> None:
+    try:
+        beside.replace(target)
+    except PermissionError:
+        with beside.open("rb") as content, target.open("r+b") as there:  # Linux refuses "wb" in such folders
+            shutil.copyfileobj(content, there)
+            there.truncate()
+        beside.unlink()

@@ -46,6 +46,7 @@ _LAYOUT: dict[str, tuple[str, int | None]] = {
     "contacts/geometries": ("iu", 2), "contacts/position": ("f", 3), "contacts/normal": ("f", 3),
     "contacts/force": ("f", 3), "contacts/gap": ("f", None), "contacts/friction": ("f", None),
 }  # fmt: skip
+_TAG_BYTES = 25  # of Simulator.save(): length and text of what names its version
 _LARGEST_COMPRESSION = 1032  # deflate cannot do better, so a data set that claims more is damaged
 _NOT_YET_WRITTEN = 2**28  # bytes that a writer at work may claim before they are in the file
 
@@ -160,7 +161,7 @@ class Recorder:
         if contacts_every is not None:
             self._every = _arrays.count("contacts_every", contacts_every, 1)
         self._simulator = simulator
-        self._settled = True  # the last row is the simulator's state
+        self._state_hash = simulator.state_hash  # of the last row
         self._contacts = ContactReader(simulator)
         looks = Looks.of(simulator.world).arrays()
         self._path = _files.checked(path)
@@ -210,16 +211,15 @@ class Recorder:
         while done < num_steps:
             count = min(num_steps - done, self._every - (self._columns["q"].size - 1) % self._every)
             applied = None if given is None else given[done : done + count]
-            self._settled = False
             traces.append(self._simulator.run(count, applied, controller=controller, keep_states=True))
             self._add(traces[-1])
-            self._settled = True
             done += count
         return _one_trace(traces) if traces else self._simulator.run(0, keep_states=True)
 
     def _add(self, trace: Trace) -> None:
         states, controls = trace.states, trace.controls
         assert states is not None
+        self._state_hash = ""  # until every data set has its rows
         steps, num_q = len(states), self._simulator.state.q.size
         time_step = self._simulator.settings.time_step
         self._append("q", states[:, :num_q])
@@ -230,6 +230,7 @@ class Recorder:
             self._append(name, getattr(trace, name))
         if (self._columns["q"].size - 1) % self._every == 0:
             self._sample(self._contacts())
+        self._state_hash = self._simulator.state_hash
         if time.monotonic() - self._kept > KEEP_SECONDS:
             self._keep()
 
@@ -260,7 +261,7 @@ class Recorder:
         self._file.close()
         with suppress(OSError), h5py.File(self._path, "r+") as file:  # OSError: moved or deleted meanwhile
             file.attrs["complete"] = int(complete)
-            file.attrs["state_hash"] = self._simulator.state_hash if self._settled else ""
+            file.attrs["state_hash"] = self._state_hash
 
     def __enter__(self) -> Recorder:
         return self
@@ -305,7 +306,7 @@ class Samples:
 class Recording:
     """A recording read back: docs/recordings.md has the fields. Step k leads from q[k], v[k] to q[k + 1], v[k + 1].
 
-    state_hash: of the last state; empty when the writer was stopped amid its work. samples: empty in version 1.
+    state_hash: of the last state; empty when the writer was killed or stopped amid a row. samples: empty in version 1.
     """
 
     source: dict[str, Any]
@@ -363,6 +364,15 @@ def read(path: str | PathLike[str]) -> Recording:
         if isinstance(error, InvalidInputError):
             raise
         raise InvalidInputError(f"{path}: is not a readable recording ({error})") from None
+
+
+def is_recording(path: str | PathLike[str]) -> bool:
+    """Whether a file is HDF5 that says it is a recording of signorini; it may be damaged all the same."""
+    try:
+        with _open(Path(path)) as file:
+            return bool(file.attrs.get("format") == FORMAT)
+    except (OSError, LookupError, ValueError, TypeError, RuntimeError):
+        return False
 
 
 def _open(path: Path) -> Any:
@@ -526,18 +536,26 @@ def _no_contacts() -> dict[str, Any]:
 
 def replay(recording: Recording, simulator: Simulator) -> int | None:
     """Runs a recording again; returns the first step after which a state differs in a bit, or its time, certificate or
-    number of contacts is another (certificates: not of version 1); -1 for the start, None when all are the same.
+    number of contacts is another (certificates: not of version 1); -1 for the start, num_steps where only the hash of
+    the last state differs, None when all are the same.
 
-    simulator: of an equal world, with the recording's settings.
+    simulator: of an equal world, with the recording's settings. Raises InvalidInputError where it is of another, and
+    for recordings by versions of signorini whose states this one cannot read.
     """
+    tag = simulator.save()[:_TAG_BYTES]
+    if recording.start[:_TAG_BYTES] != tag:
+        raise InvalidInputError("was recorded by another version of signorini, which alone can replay it")
     simulator.restore(recording.start)
     for name, size in (("q", simulator.state.q.size), ("v", simulator.state.v.size)):
         has = getattr(recording, name).shape[1]
         if has != size:
             raise InvalidInputError(f"recording.{name}: has {has} values a state, the world has {size}")
+    time_step, first = recording.settings.time_step, simulator.state.time
+    # But for rounding: recorder and replay sum times up in other blocks.
+    apart = 1e-3 * time_step + recording.num_steps * np.spacing(abs(first) + recording.num_steps * time_step)
     states = np.hstack([recording.q, recording.v]).astype(np.float64)
     start = np.concatenate([simulator.state.q, simulator.state.v])
-    if start.tobytes() != states[0].tobytes() or not _same_time(recording, 0, np.array([simulator.state.time])):
+    if start.tobytes() != states[0].tobytes() or abs(recording.time[0] - first) > apart:
         return -1
     certified = len(recording.samples.row) > 0
     step = 0
@@ -546,9 +564,9 @@ def replay(recording: Recording, simulator: Simulator) -> int | None:
         part = slice(step, step + count)
         trace = simulator.run(count, recording.control[part] if simulator.control.size else None, keep_states=True)
         assert trace.states is not None
-        now = simulator.state.time - recording.settings.time_step * np.arange(count - 1, -1, -1)
+        now = simulator.state.time - time_step * np.arange(count - 1, -1, -1)
         different = (trace.states.view(np.uint64) != states[step + 1 : step + count + 1].view(np.uint64)).any(axis=1)
-        different |= ~_same_time(recording, step + 1, now)
+        different |= ~(np.abs(recording.time[step + 1 : step + count + 1] - now) <= apart)
         if certified:
             for name in ("relative", "penetration", "num_contacts"):
                 ours, theirs = getattr(trace, name), getattr(recording, name)[part]
@@ -556,13 +574,6 @@ def replay(recording: Recording, simulator: Simulator) -> int | None:
         if different.any():
             return step + int(np.flatnonzero(different)[0])
         step += count
-    if recording.complete and simulator.state_hash != recording.state_hash:
-        return recording.num_steps - 1
+    if recording.complete and recording.state_hash and simulator.state_hash != recording.state_hash:
+        return recording.num_steps
     return None
-
-
-def _same_time(recording: Recording, row: int, time: NDArray[Any]) -> NDArray[np.bool_]:
-    """But for rounding: it was summed up in other blocks."""
-    held = recording.time[row : row + len(time)]
-    same: NDArray[np.bool_] = np.abs(held - time) <= 1e-3 * recording.settings.time_step
-    return same

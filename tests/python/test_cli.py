@@ -15,7 +15,7 @@ import signorini
 from signorini import ContactProblem, fclib
 from signorini.cli import check as check_command
 from signorini.cli import solve as solve_command
-from signorini.cli.main import app
+from signorini.cli.main import app, main
 
 
 def run(*arguments):
@@ -272,11 +272,36 @@ def test_the_status_is_that_of_the_work_though_nobody_reads(folder, options, sta
     assert b"Traceback" not in said
 
 
+@pytest.mark.parametrize("output", [">&-", "1</dev/null", ">&- 2>&-", "1</dev/null 2</dev/null"])
 @pytest.mark.parametrize("options", [[], ["--json", "-"]])
-def test_a_closed_output_is_one_that_nobody_reads(folder, options):
+def test_a_closed_output_is_one_that_nobody_reads(folder, options, output):
     command = shlex.join([*PROGRAM, "solve", str(folder), *options])
-    result = subprocess.run(["bash", "-c", f"{command} >&-"], capture_output=True)
+    result = subprocess.run(["bash", "-c", f"{command} {output}"], capture_output=True)
     assert (result.returncode, result.stderr.strip()) == (0, b"")
+    result = subprocess.run(["bash", "-c", f"{command} missing.hdf5 {output}"], capture_output=True)
+    assert result.returncode == 2
+
+
+def test_outputs_that_are_no_files_of_the_system(capsys, monkeypatch):
+    """As in notebooks."""
+    monkeypatch.setattr(sys, "argv", ["signorini", "--version"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert not end.value.code
+    assert capsys.readouterr().out.strip() == f"signorini {signorini.__version__}"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a file that is always full")
+def test_a_full_disk_hides_no_other_error():
+    work = "def app(): print('x' * 10); raise RuntimeError('the first')"
+    code = f"from signorini.cli import main as m\n{work}\nm.app = app\nm.main()"
+    buffered = {**os.environ, "PYTHONUNBUFFERED": ""}
+    with open("/dev/full", "w") as full:
+        result = subprocess.run(
+            [sys.executable, "-c", code], stdout=full, stderr=subprocess.PIPE, text=True, env=buffered
+        )
+    assert "RuntimeError: the first" in result.stderr
+    assert result.returncode != 0
 
 
 @pytest.mark.parametrize(("stem", "encoding"), [("kub-ü", "ascii"), ("raw-\udcff", "utf-8")])
@@ -356,6 +381,7 @@ def contents(folder):
         ("run cube-stack --record /proc/x", "--record: /proc/x: cannot be written"),
         ("run cube-stack --record a --json a", "--json: a: is written by --record too, must be another"),
         ("run cube-stack --json other.h5", "--json: other.h5: is an HDF5 file"),
+        ("run cube-stack --record planted-0.hdf5", "--record: planted-0.hdf5: is an HDF5 file, must be another"),
         ("run cube-stack --picture r.png", "--picture: r.png: is an HDF5 file"),
         ("run cube-stack --video nowhere/a.mp4", "--video: nowhere: there is no such folder for a.mp4"),
         ("run cube-stack --hardest /proc/x", "--hardest: /proc/x: cannot be written"),

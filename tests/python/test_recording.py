@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 
 import h5py
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from conftest import REPOSITORY
 from typer.testing import CliRunner
 
-from signorini import InvalidInputError, Simulator, recording, scenes
+from signorini import InvalidInputError, Joint, Simulator, WorldBuilder, recording, scenes
 from signorini.cli.main import app
 from signorini.view.drawables import body_placements, drawables
 from signorini.view.looks import Looks
@@ -583,13 +584,73 @@ def test_a_source_that_nothing_can_be_made_of(recorded, tmp_path, source):
         (lambda f: f["relative"].__setitem__(150, 1e-30), "after step 150"),
         (lambda f: f["penetration"].__setitem__(3, np.nan), "after step 3"),
         (lambda f: f["num_contacts"].__setitem__(199, 1), "after step 199"),
-        (attribute("state_hash", "0123456789abcdef"), "after step 199"),
     ],
 )
 def test_verify_compares_all_that_a_step_says(recorded, tmp_path, change, where):
     result = invoke("replay", changed(recorded, tmp_path, change), "--verify")
     assert result.exit_code == 1
     assert f"state {where} differs" in result.stderr
+
+
+@pytest.mark.parametrize("steps", [0, 10])
+def test_a_hash_that_differs_is_said_to(tmp_path, steps):
+    path = tmp_path / "stack.h5"
+    simulator = Simulator(scenes.worlds()["cube-stack"]().world)
+    with recording.Recorder(path, simulator, {"scene": "cube-stack"}) as recorder:
+        recorder.run(steps)
+    assert invoke("replay", path, "--verify").exit_code == 0
+    edit(path, attribute("state_hash", "0123456789abcdef"))
+    result = invoke("replay", path, "--verify")
+    assert (result.exit_code, result.stderr.strip()) == (1, "error: hash of the last state differs")
+
+
+def test_what_came_after_the_last_recorded_step_is_no_difference(tmp_path):
+    def fail():
+        raise RuntimeError("caught")
+
+    world = scenes.worlds()["cube-stack"](num_cubes=1).world
+    simulator = Simulator(world)
+    for after in (lambda _: simulator.step(3), lambda _: simulator.reset(), lambda r: r.run(5, controller=fail)):
+        with recording.Recorder(tmp_path / "r.h5", simulator, {}) as recorder:
+            recorder.run(13)
+            with suppress(RuntimeError):
+                after(recorder)
+        held = recording.read(tmp_path / "r.h5")
+        assert (held.complete, held.num_steps, len(held.state_hash)) == (True, 13, 16)
+        assert recording.replay(held, Simulator(world)) is None
+
+
+def test_a_recording_without_a_hash_is_replayed(recorded, tmp_path):
+    assert invoke("replay", changed(recorded, tmp_path, attribute("state_hash", "")), "--verify").exit_code == 0
+
+
+def test_rounding_of_the_time_is_no_difference(tmp_path):
+    """Tiny steps at a late time, recorded in a block of 10 000."""
+    builder = WorldBuilder()
+    builder.add_body("ball", joints=[Joint("fall", "free")], mass=1.0, inertia=np.eye(3))
+    world = builder.build()
+    simulator = Simulator(world, time_step=1e-6)
+    simulator.state.time = 1e4
+    with recording.Recorder(tmp_path / "late.h5", simulator, {}) as recorder:
+        recorder.run(10_000)
+    held = recording.read(tmp_path / "late.h5")
+    assert recording.replay(held, Simulator(world, time_step=1e-6)) is None
+    held.time[5000] += 0.2e-6
+    assert recording.replay(held, Simulator(world, time_step=1e-6)) == 4999
+
+
+def test_a_recording_by_another_version_is_viewed_not_replayed(recorded, tmp_path):
+    def older(start):
+        tag = b"signorini state 5"
+        assert start.tobytes()[8:].startswith(tag)
+        return np.frombuffer(start.tobytes()[:-8].replace(tag, b"signorini state 4"), np.uint8)
+
+    path = changed(recorded, tmp_path, replaced("start", older))
+    assert invoke("replay", path).exit_code == 0
+    assert invoke("view", path, "--html", tmp_path / "page.html").exit_code == 0
+    result = invoke("replay", path, "--verify")
+    assert result.exit_code == 2
+    assert "changed.h5: was recorded by another version of signorini" in result.stderr
 
 
 def test_looks_that_do_not_fit(recorded, tmp_path):

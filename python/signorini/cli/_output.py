@@ -87,8 +87,11 @@ def _check_output(option: str, file: Path) -> None:
     if file.is_file():
         with file.open("r+b") as there:
             start = there.read(8)
-        if start == b"\x89HDF\r\n\x1a\n" and option != "--record":
-            raise InvalidInputError(f"{option}: {file}: is an HDF5 file, must be another or none yet")
+        if start == b"\x89HDF\r\n\x1a\n":
+            from signorini import recording
+
+            if option != "--record" or not recording.is_recording(file):
+                raise InvalidInputError(f"{option}: {file}: is an HDF5 file, must be another or none yet")
     elif not file.exists():
         target = Path(os.path.realpath(file))  # of a link to nothing, what it names
         target.touch()

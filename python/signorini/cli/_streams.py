@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import sys
@@ -12,7 +13,9 @@ class _Pipe(io.FileIO):
     def write(self, data: Any, /) -> int:
         try:
             return super().write(data)
-        except BrokenPipeError:  # the reader has gone, as `| head` does
+        except OSError as error:
+            if error.errno not in (errno.EPIPE, errno.EBADF):  # the reader has gone, as `| head` does; 1</dev/null
+                raise
             os.dup2(os.open(os.devnull, os.O_WRONLY), self.fileno())
             return memoryview(data).nbytes
 
@@ -24,6 +27,10 @@ def guard() -> None:
         if stream is None:  # closed by the shell, >&-
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
             continue
-        pipe = io.BufferedWriter(_Pipe(stream.fileno(), "w", closefd=False))
+        try:
+            number = stream.fileno()
+        except (AttributeError, OSError, ValueError):  # a notebook's, or a test's
+            continue
+        pipe = io.BufferedWriter(_Pipe(number, "w", closefd=False))
         encoding, by_line = stream.encoding, stream.line_buffering or stream.write_through
         setattr(sys, name, io.TextIOWrapper(pipe, encoding, "backslashreplace", line_buffering=by_line))

@@ -378,14 +378,18 @@ def replay(
         if not verify:
             return
         world, _, _ = load_source(held.source)
-        different = recording.replay(held, signorini.Simulator(world, held.settings))
+        try:
+            different = recording.replay(held, signorini.Simulator(world, held.settings))
+        except signorini.InvalidInputError as error:
+            raise signorini.InvalidInputError(f"{file}: {error}") from None
     except (signorini.InvalidInputError, OSError, ImportError) as error:
         report(errors, error)
         raise typer.Exit(2) from None
     if different is None:
         print("every state the same, bit for bit")
         return
-    report(errors, f"state after step {different} differs" if different >= 0 else "state at the start differs")
+    where = f"state after step {different}" if different >= 0 else "state at the start"
+    report(errors, f"{'hash of the last state' if different == held.num_steps else where} differs")
     raise typer.Exit(1)
 
 
