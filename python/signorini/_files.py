@@ -77,7 +77,8 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         _take_place(beside, target)
     except BaseException as error:
         beside.unlink(missing_ok=True)
-        if isinstance(error, OSError) and error.filename == str(beside):  # nobody knows that name
+        # The name beside path is one that nobody knows; where a disk is full, the system says none.
+        if isinstance(error, OSError) and error.errno and error.filename in (None, str(beside)):
             error.filename = str(path)
             del error.filename2
         raise

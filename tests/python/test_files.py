@@ -84,6 +84,10 @@ def test_errors_have_the_name_that_was_given(tmp_path, monkeypatch):
         _files.write(tmp_path / "mine", b"new")
     with pytest.raises(OSError, match=f"error: '{tmp_path / 'mine'}'$"):
         fclib.write(tmp_path / "mine", ContactProblem(np.zeros((0, 0)), [], []))
+    with pytest.raises(OSError, match=f"device: '{tmp_path / 'mine'}'$"), _files.replacing(tmp_path / "mine"):
+        raise OSError(28, "No space left on device")  # what write() says
+    with pytest.raises(OSError, match="^of its own$"), _files.replacing(tmp_path / "mine"):
+        raise OSError("of its own")
     with pytest.raises(OSError, match="'/another'"), _files.replacing(tmp_path / "mine"):
         Path("/another").read_bytes()
     assert not list(tmp_path.iterdir())
