@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from signorini import _arrays
 from signorini._core import InvalidInputError
 
 
@@ -34,10 +35,8 @@ def special(path: Path) -> str | None:
 
 def text(field: str, value: Any) -> bytes:
     """In UTF-8, or InvalidInputError."""
-    if not isinstance(value, str):
-        raise InvalidInputError(f"{field}: is {value!r}, must be a str")
     try:
-        return value.encode()
+        return _arrays.text(field, value).encode()
     except UnicodeEncodeError:
         raise InvalidInputError(f"{field}: is {value!r}, must be text that UTF-8 can hold") from None
 

@@ -434,11 +434,12 @@ bool InverseDynamics::Impl::undoes_step(const Input& input) const {
 void InverseDynamics::Impl::find_impulses_and_bounces(const Input& input) {
   if (inverse.keep) {
     // Its impulses are the answer. Their certificate counts in impulses, and may allow a little more than `relative`.
-    for (const Assembler::Set& theirs : input.simulator->assembler().sets())
+    for (const Assembler::Set& theirs : input.simulator->assembler().sets()) {
+      if (theirs.bounce == 0.0) continue;
       for (std::size_t i = 0; i < assembler.sets().size(); ++i)
-        if (theirs.bounce != 0.0 && assembler.sets()[i].source == theirs.source &&
-            assembler.sets()[i].index == theirs.index)
+        if (assembler.sets()[i].source == theirs.source && assembler.sets()[i].index == theirs.index)
           assembler.set_bounce(i, theirs.bounces);
+    }
     find_impulses();
     if (solution.status != Status::Invalid) solution.status = Status::Solved;
     return;
