@@ -405,6 +405,7 @@ def test_outputs_are_looked_at_before_any_work(outputs, monkeypatch, arguments, 
         monkeypatch.setattr(signorini, name, work)
     monkeypatch.setattr(solve_command, "_result", work)
     monkeypatch.setattr(check_command, "assemble", work)
+    monkeypatch.setenv("SIGNORINI_DATA", "nowhere")  # the same error where the problem files are and where not
     before = contents(outputs)
     result = run(*arguments.split())
     assert result.exit_code == 2

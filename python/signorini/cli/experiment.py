@@ -304,8 +304,8 @@ def everything(
     try:
         if unknown:
             raise ValueError(f"--skip: is {unknown[0]!r}, must be one of {', '.join(known)}")
-        folder = data_directory(data).resolve() if needs_data else None
         check_folder("--output", output)
+        folder = data_directory(data).resolve() if needs_data else None
     except DataMissingError as error:
         hint = " ".join(f"--skip {name}" for name in needs_data)
         report(errors, f"{error}; or leave out what reads them: {hint}")
