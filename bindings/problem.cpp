@@ -98,6 +98,15 @@ void bind_problem(nb::module_& m) {
   nb::class_<DelassusOperator>(m, "Delassus")
       .def_prop_ro("size", &DelassusOperator::size)
       .def_prop_ro("asymmetry", &DelassusOperator::asymmetry)
+      .def(
+          "column",
+          [](const DelassusOperator& self, Index column) {
+            if (column < 0 || column >= self.size()) throw InvalidInput("column", "is out of range");
+            Vector out(self.size());
+            self.apply(Vector::Unit(self.size(), column), out);
+            return out;
+          },
+          "column"_a)
       .def("csc", [](const DelassusOperator& self) {
         SparseMatrix g = self.matrix();
         g.makeCompressed();

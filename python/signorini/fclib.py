@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn
 import numpy as np
 import numpy.typing as npt
 
-from signorini import _files
+from signorini import _arrays, _core, _files
 from signorini._core import InvalidInputError, __version__
 from signorini._problem import Constraint, ContactProblem, Equality, FrictionCone, check_problem
 from signorini._solution import Solution
@@ -328,7 +328,6 @@ def _read_local(file: _File, operator: str | None, check: bool) -> ContactProble
 
 def _read_global(file: _File, operator: str | None, check: bool) -> ContactProblem:
     import scipy.sparse as sp
-    import scipy.sparse.linalg as linalg
 
     f, w = file.vector("fclib_global/vectors/f"), file.vector("fclib_global/vectors/w")
     rows = w.size
@@ -341,11 +340,13 @@ def _read_global(file: _File, operator: str | None, check: bool) -> ContactProbl
         jacobian, w = sp.csc_array(sp.vstack([jacobian, equalities.T])), np.concatenate([w, b])
     order = _to_ours(w.size, rows)
     jacobian = sp.csc_array(jacobian[order])
+    # J M^-1 f is a column of the operator of J and f: as exact as that, also where M is ill-conditioned.
+    with_force = sp.csc_array(sp.vstack([jacobian, f[np.newaxis]]))
     try:
-        factor = linalg.splu(mass) if f.size else None
-    except RuntimeError:
-        file.fail("fclib_global/M", "is singular, must be positive definite")
-    g = w[order] + (jacobian @ factor.solve(f) if factor else 0.0)
+        operator_with_force = _core.mass_space_delassus(_arrays.csc_arrays(mass), _arrays.csc_arrays(with_force))
+    except InvalidInputError as error:
+        file.fail("fclib_global/M", str(error).removeprefix("mass: "))
+    g = w[order] + operator_with_force.column(w.size)[:-1]
     arguments = _laws(mu, w.size - rows) | {"name": file.path.stem, "check": check}
     problem = ContactProblem.from_mass(mass, jacobian, g, **arguments)
     return ContactProblem(problem.delassus, g, **arguments) if operator == "delassus" else problem

@@ -6,6 +6,7 @@ import tracemalloc
 import h5py
 import numpy as np
 import pytest
+import scipy.linalg
 import scipy.sparse as sp
 from reference import planted_problem
 
@@ -114,6 +115,20 @@ def test_global_file(path, form, equalities):
             problem.free_velocity, jacobian @ np.linalg.solve(mass, f) + np.append(w, b), atol=1e-12
         )
         assert problem.constraints == tuple(FrictionCone(m) for m in mu) + (Equality(),) * equalities
+
+
+def test_forces_on_an_ill_conditioned_mass_matrix(path):
+    exact = scipy.linalg.invhilbert(9, exact=True)  # condition 5e11; times `scale`, the entries of the matrix are whole
+    scale = 12252240  # lowest common multiple of 1 to 17
+    f = np.arange(1, 10)
+    with h5py.File(path, "w") as file:
+        group = file.create_group("fclib_global")
+        group["spacedim"] = np.array([3], np.int32)
+        write_matrix(group, "M", np.round(scale * scipy.linalg.hilbert(9)), "csc")
+        write_matrix(group, "H", np.eye(9), "csc")
+        group["vectors/f"], group["vectors/w"], group["vectors/mu"] = f.astype(float), np.zeros(9), np.ones(3)
+    expected = np.array([int(x) for x in exact @ f.astype(object)], dtype=float) / scale
+    np.testing.assert_allclose(fclib.read(path).free_velocity[file_order(3)], expected, rtol=1e-14)
 
 
 def test_the_matrix_of_a_large_global_file_is_never_dense(path):
