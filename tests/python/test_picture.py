@@ -429,7 +429,7 @@ def test_a_part_of_a_recording_at_another_speed(dropped):
         (["video", "r.h5", "x.mp4", "--from", "0.1", "--to", "0.1"], "to: is 0.1, must be in (0.1, 0.2] s"),
         (["run", "cube-stack", "--duration", "0.1", "--picture", "x.gif"], "x.gif: must end in .png"),
         (["run", "cube-stack", "--duration", "0.1", "--video", "x.png"], "x.png: must end in .mp4"),
-        (["run", "cube-stack", "--duration", "0.1", "--picture-time", "0.1"], "picture-time: needs --picture"),
+        (["run", "cube-stack", "--picture-time", "0.1"], "--picture-time: has no effect without --picture"),
         (
             ["run", "cube-stack", "--duration", "0.1", "--picture", "x.png", "--picture-time", "2"],
             "picture-time: is 2.0, must be in [0, 0.1] s",

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import typer
 from rich.console import Console
 
 from signorini import InvalidInputError, _files
@@ -25,6 +26,14 @@ def report(errors: Console, error: Any) -> None:
     if isinstance(error, OSError) and error.strerror:
         error = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     errors.print(f"error: {error}", style="red", soft_wrap=True)
+
+
+def refuse_idle(context: typer.Context, why: str, *options: str) -> None:
+    """Raises InvalidInputError for an option that was given though nothing reads it; why: "without --view"."""
+    for option in options:
+        source = context.get_parameter_source(option[2:].replace("-", "_"))
+        if source is not None and source.name == "COMMANDLINE":
+            raise InvalidInputError(f"{option}: has no effect {why}")
 
 
 def finite(value: float) -> float | None:

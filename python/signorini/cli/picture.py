@@ -147,8 +147,6 @@ class Shots:
             checked_suffix(picture, ".png")
         if video is not None:
             checked_suffix(video, ".mp4")
-        if picture_time is not None and picture is None:
-            raise signorini.InvalidInputError("picture-time: needs --picture")
         if picture_time is not None and not 0.0 <= picture_time <= duration * (1.0 + 1e-9):
             raise signorini.InvalidInputError(f"picture-time: is {picture_time}, must be in [0, {duration:g}] s")
         self._stage = Stage.of_world(simulator.world, size=parse_size(size, even=video is not None))

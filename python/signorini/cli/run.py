@@ -17,7 +17,7 @@ from rich.table import Table
 
 import signorini
 from signorini._hardest import Hardest
-from signorini.cli._output import check_folder, check_outputs, finite, printer, report, write_json
+from signorini.cli._output import check_folder, check_outputs, finite, printer, refuse_idle, report, write_json
 from signorini.cli.picture import SIZE, Shots, Size
 from signorini.cli.solve import Law, Solver
 from signorini.cli.view import NoOpen, NoShadows, Port, announce
@@ -83,6 +83,7 @@ def _source(scene: str, ground: bool, floating: bool | None, options: list[str])
 
 
 def run(
+    context: typer.Context,
     scene: Annotated[
         str,
         typer.Argument(metavar="SCENE|FILE", help="A scene of `signorini scenes`, or a robot file (URDF, MJCF, SDF)."),
@@ -134,8 +135,14 @@ def run(
     errors = printer(stderr=True)
     try:
         source = _source(scene, ground, floating, option or [])
-        if contacts_every is not None and record is None:
-            raise signorini.InvalidInputError("--contacts-every: has no effect without --record")
+        if record is None:
+            refuse_idle(context, "without --record", "--contacts-every")
+        if not view:
+            refuse_idle(context, "without --view", "--port", "--no-open", "--no-shadows")
+        if picture is None:
+            refuse_idle(context, "without --picture", "--picture-time")
+            if video is None:
+                refuse_idle(context, "without --picture or --video", "--size")
         check_outputs(
             {"--record": record, "--picture": picture, "--video": video, "--json": json_file},
             [Path(source["file"])] if "file" in source else [],
@@ -153,7 +160,7 @@ def run(
             errors.print(f"warning: {warning}", style="yellow", soft_wrap=True)
         kept = Hardest(simulator) if hardest is not None else None
         steps = max(1, round(length / dt))
-        drawn = picture is not None or picture_time is not None or video is not None
+        drawn = picture is not None or video is not None
         shots = Shots(simulator, steps, picture, picture_time, video, size) if drawn else None
         with _page(simulator, scene, port, no_open, not no_shadows) if view else contextlib.nullcontext() as page:
             result = simulate(

@@ -12,7 +12,7 @@ import typer
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 import signorini
-from signorini.cli._output import check_outputs, printer, report
+from signorini.cli._output import check_outputs, printer, refuse_idle, report
 
 if TYPE_CHECKING:
     from signorini.view.looks import Looks
@@ -24,6 +24,7 @@ NoShadows = Annotated[bool, typer.Option("--no-shadows", help="No shadows: faste
 
 
 def view(
+    context: typer.Context,
     file: Annotated[Path, typer.Argument(metavar="RECORDING", help="What `run --record` wrote.")],
     port: Port = 8080,
     host: Host = "127.0.0.1",
@@ -45,8 +46,10 @@ def view(
         from signorini import recording
         from signorini.view import viewer
 
-        if fps is not None and html is None:
-            raise signorini.InvalidInputError("--fps: has no effect without --html")
+        if html is None:
+            refuse_idle(context, "without --html", "--fps")
+        else:
+            refuse_idle(context, "with --html", "--port", "--host", "--no-open")
         check_outputs({"--html": html}, [file])
         held = recording.read(file)
         looks = looks_of(file, held)
