@@ -106,6 +106,8 @@ def change(descriptor: int, work: Callable[[h5py.File], None], *, patient: bool)
 
 def _commit(descriptor: int, before: int, changed: _Changed) -> None:
     over = [entry for entry in changed.changes if entry[0] < before]
+    if any(offset + len(data) > before for offset, data in over):  # behind a journal that was left; order matters
+        over = changed.changes
     try:
         for offset, data in changed.changes:
             if offset >= before:

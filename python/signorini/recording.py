@@ -192,16 +192,15 @@ class Recorder:
         """Simulator.run(), recorded. controls: num_steps x num_controls, or None: the control as it is, or as the
         controller sets it.
 
-        Raises as that does, every step until then being recorded; InvalidInputError where the simulator was stepped or
-        changed by others since, which would leave a hole; OSError where the file cannot be written, which keeps what
-        was written before.
+        Raises as that does; InvalidInputError where the simulator is no longer as the last recorded step left it, which
+        would leave a hole; OSError where the file cannot be written, which keeps what was written before.
         """
         if self._file.closed:
             raise InvalidInputError("recorder: is closed")
         if self._simulator.state_hash != self._blocks[-1].state_hash:
             raise InvalidInputError(
-                f"simulator: was stepped or changed by others since step {self._blocks[-1].last_row} of {self._path}; "
-                "a recording has every step, and ends there"
+                f"simulator: is no longer as after step {self._blocks[-1].last_row} of {self._path}; a recording has "
+                "every step, and ends there"
             )
         given = None if controls is None else np.asarray(controls, dtype=np.float64)
         traces: list[Trace] = []
@@ -264,7 +263,8 @@ class Recorder:
             blocks = self._blocks[:]
 
             def write(file: h5py.File) -> None:
-                _append(file, blocks[1:])
+                there = len(file["time"]) - 1  # also of a change that an error came after
+                _append(file, [block for block in blocks if block.last_row > there])
                 if complete is not None:
                     file.attrs["complete"], file.attrs["state_hash"] = complete, blocks[-1].state_hash
 

@@ -360,6 +360,33 @@ def test_space_that_comes_back_loses_nothing(tmp_path, monkeypatch):
     assert verified(path).num_steps == 15
 
 
+@pytest.mark.parametrize("number", [3, 40, 45, 50, 60])
+def test_a_write_that_fails_halfway_loses_nothing(tmp_path, monkeypatch, number):
+    """Neither now nor when the writer goes on."""
+    pwrite, calls = os.pwrite, []
+
+    def failing(descriptor, data, offset):
+        calls.append(offset)
+        if len(calls) == number:
+            pwrite(descriptor, data[: len(data) // 2], offset)
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return pwrite(descriptor, data, offset)
+
+    path = tmp_path / "failing.h5"
+    with recording.Recorder(path, cube(), {}) as recorder:
+        recorder.run(10)
+        monkeypatch.setattr(os, "pwrite", failing)
+        monkeypatch.setattr(recording, "KEEP_SECONDS", 0.0)
+        with pytest.raises(OSError, match=re.escape(str(path))):
+            recorder.run(10)
+        monkeypatch.undo()
+        assert verified(path).num_steps in (0, 20)
+        recorder.run(700)
+    assert verified(path).num_steps == 720
+    with h5py.File(path) as file:
+        assert len(file["q"]) == 721
+
+
 def test_ctrl_c_at_any_time(tmp_path, monkeypatch):
     """Leaves whole steps; those after it are recorded too, or refused."""
     monkeypatch.setattr(recording, "KEEP_SECONDS", 0.0)
@@ -422,7 +449,7 @@ def test_steps_that_others_made_are_refused(tmp_path):
         recorder.run(4)
         for change in (simulator.step, lambda: simulator.state.q.__setitem__(2, 3.0), simulator.reset):
             change()
-            with pytest.raises(InvalidInputError, match="by others since step 4 of .*others.h5"):
+            with pytest.raises(InvalidInputError, match="no longer as after step 4 of .*others.h5"):
                 recorder.run(1)
     assert verified(path).num_steps == 4
     with pytest.raises(InvalidInputError, match="closed"):
