@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import operator
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, cast, overload
 
@@ -314,6 +314,15 @@ class Trace:
     controls: Array | None = None
 
 
+def joined(traces: Sequence[Trace]) -> Trace:
+    """One trace of several, at least one, that follow each other."""
+    columns: dict[str, Any] = {}
+    for field in fields(Trace):
+        values = [getattr(trace, field.name) for trace in traces]
+        columns[field.name] = None if values[0] is None else np.concatenate(values)
+    return Trace(**columns)
+
+
 class Simulator:
     """Steps a world.
 
@@ -393,8 +402,7 @@ class Simulator:
         at_once = _BLOCK if self.settings.on_unsolved == "continue" else 1
         for done in range(0, count, at_once):
             self._core.step(min(at_once, count - done))
-            if at_once == 1:
-                self._check_solved()
+            self._check_solved()
 
     def run(
         self,
@@ -409,42 +417,45 @@ class Simulator:
         controls: num_steps x num_controls, or None. controller: instead, called before every step to set `control`.
         keep_states: fill Trace.states. Raises as step() does, and for controls of another shape.
         """
-        count = _arrays.count("num_steps", num_steps, 0)
         _arrays.flag("keep_states", keep_states)
-        if controller is not None:
-            if controls is not None:
-                raise InvalidInputError("controls: are given, must be None where there is a controller")
-            if not callable(controller):
-                raise InvalidInputError(f"controller: is a {type(controller).__name__}, must be a function, or None")
-            return self._run_controlled(count, controller, keep_states)
+        traces = []
+        for trace in self._traces(num_steps, controls, controller, keep_states):
+            traces.append(trace)
+            self._check_solved()
+        return joined(traces)
+
+    def _traces(
+        self, num_steps: int, controls: ArrayLike | None, controller: Callable[[], None] | None, keep_states: bool
+    ) -> Iterator[Trace]:
+        """The parts of the trace of run(): when it raises, those of all steps before were given."""
+        count = _arrays.count("num_steps", num_steps, 0)
+        if controller is None:
+            yield self._run(count, controls, keep_states)
+            return
+        if controls is not None:
+            raise InvalidInputError("controls: are given, must be None where there is a controller")
+        if not callable(controller):
+            raise InvalidInputError(f"controller: is a {type(controller).__name__}, must be a function, or None")
+        yield replace(self._run(0, None, keep_states), controls=np.empty((0, len(self._control))))
+        for _ in range(count):
+            controller()
+            control = self._control.copy()
+            yield replace(self._run(1, None, keep_states), controls=control[None])
+
+    def _run(self, count: int, controls: ArrayLike | None, keep_states: bool) -> Trace:
         given = np.zeros((0, 0)) if controls is None else _arrays.numbers("controls", controls)
         if given.ndim != 2:
-            raise InvalidInputError(f"controls: has shape {given.shape}, must be ({num_steps}, {len(self._control)})")
+            raise InvalidInputError(f"controls: has shape {given.shape}, must be ({count}, {len(self._control)})")
         seconds, relative, penetration = np.empty(count), np.empty(count), np.empty(count)
         iterations, factorizations, num_contacts = (np.empty(count, np.int32) for _ in range(3))
         solved = np.empty(count, np.bool_)
         reports = seconds, relative, penetration, iterations, factorizations, num_contacts, solved
         states = self._core.run(count, given, keep_states, *reports)
-        trace = Trace(*reports, states, None if controls is None else given)
-        if self.settings.on_unsolved != "continue":
-            self._check_solved()
-        return trace
-
-    def _run_controlled(self, num_steps: int, controller: Callable[[], None], keep_states: bool) -> Trace:
-        controls = np.empty((num_steps, len(self._control)))
-        steps = [self.run(0, keep_states=keep_states)]
-        for k in range(num_steps):
-            controller()
-            controls[k] = self._control
-            steps.append(self.run(1, keep_states=keep_states))
-        arrays: dict[str, Any] = {
-            field.name: np.concatenate([getattr(step, field.name) for step in steps])
-            for field in fields(Trace)
-            if field.name != "controls" and (keep_states or field.name != "states")
-        }
-        return replace(steps[0], **arrays, controls=controls)
+        return Trace(*reports, states, None if controls is None else given)
 
     def _check_solved(self) -> None:
+        if self.settings.on_unsolved == "continue":
+            return
         count = self._core.report.unsolved
         if count <= self._unsolved:
             return

@@ -1,19 +1,18 @@
 """Recordings: what a simulation did, in one HDF5 file that h5py alone can read; docs/recordings.md has the layout.
 
-A file is written so that it can be read at any time, by others while it grows and after its writer was killed (HDF5's
-single writer, multiple readers).
+A file can be read at any time, by others while it grows and after its writer was killed: _hdf5 has how.
 """
 
 from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
+from threading import Lock
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -21,9 +20,9 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from signorini import _arrays, _files
+from signorini import _arrays, _files, _hdf5
 from signorini._core import InvalidInputError
-from signorini._simulation import Simulator, SimulatorSettings, Trace
+from signorini._simulation import Simulator, SimulatorSettings, Trace, joined
 from signorini._world import Array
 
 if TYPE_CHECKING:
@@ -48,7 +47,7 @@ _LAYOUT: dict[str, tuple[str, int | None]] = {
 }  # fmt: skip
 _TAG_BYTES = 25  # of Simulator.save(): length and text of what names its version
 _LARGEST_COMPRESSION = 1032  # deflate cannot do better, so a data set that claims more is damaged
-_NOT_YET_WRITTEN = 2**28  # bytes that a writer at work may claim before they are in the file
+_NOT_YET_WRITTEN = 2**28  # bytes that an earlier writer may have claimed before they were in the file
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,41 +94,18 @@ class ContactReader:
         return self._friction[pair]
 
 
-class _Column:
-    """One data set that grows. Rows are gathered until they fill a chunk: a chunk is compressed once."""
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """Rows that belong together, by data set, and where the recording is with them: what came before the block and what
+    comes after is whole without it.
 
-    def __init__(self, group: Any, name: str, width: int | None, kind: Any) -> None:
-        row_bytes = np.dtype(kind).itemsize * max(1, width or 1)
-        self._chunk = int(np.clip(_CHUNK_BYTES // row_bytes, 1, 512))
-        shape = (0,) if width is None else (0, width)
-        most = (None, *(extent or None for extent in shape[1:]))  # without actuators, control has width 0
-        chunks = (self._chunk, *(max(1, extent) for extent in shape[1:]))
-        self._data = group.create_dataset(
-            name, shape, kind, maxshape=most, chunks=chunks, shuffle=True, compression="gzip", compression_opts=1
-        )
-        self._written = 0
-        self._waiting: list[NDArray[Any]] = []
-        self.size = 0
+    last_row: of q, v and time. last_contact: as in samples. state_hash: of the simulator in the last row.
+    """
 
-    def append(self, rows: NDArray[Any]) -> None:
-        self._waiting.append(np.array(rows))
-        self.size += len(rows)
-        full = self.size - self.size % self._chunk
-        if full > self._written:
-            self._write(full)
-
-    def keep(self) -> None:
-        if self.size > self._written:
-            self._write(self.size)
-            self._data.flush()
-
-    def _write(self, until: int) -> None:
-        rows = np.concatenate(self._waiting)
-        count = until - self._written
-        self._data.resize(until, axis=0)
-        self._data[self._written :] = rows[:count]
-        self._waiting = [rows[count:]] if count < len(rows) else []
-        self._written = until
+    rows: dict[str, NDArray[Any]]
+    last_row: int
+    last_contact: int
+    state_hash: str
 
 
 class Recorder:
@@ -154,32 +130,40 @@ class Recorder:
 
         Raises OSError where the file cannot be written, InvalidInputError on a bad source or contacts_every.
         """
-        from signorini.view.looks import Looks
-
-        time_step = simulator.settings.time_step
-        self._every = max(1, round(SAMPLE_SECONDS / time_step))
+        self._every = max(1, round(SAMPLE_SECONDS / simulator.settings.time_step))
         if contacts_every is not None:
             self._every = _arrays.count("contacts_every", contacts_every, 1)
         self._simulator = simulator
-        self._state_hash = simulator.state_hash  # of the last row
         self._contacts = ContactReader(simulator)
-        looks = Looks.of(simulator.world).arrays()
         self._path = _files.checked(path)
+        if self._path.exists() and (kind := _files.special(self._path)):
+            raise InvalidInputError(f"{self._path}: is {kind}, must be a file")
         try:
             kept = {"source": json.dumps(dict(source)), "settings": json.dumps(asdict(simulator.settings))}
         except (TypeError, ValueError) as error:
             raise InvalidInputError(f"source: is {source!r}, must be a mapping that JSON can hold ({error})") from None
-        self._file = h5py.File(self._path, "w", libver=("v110", "v110"))  # its readers look at it while it grows
-        attributes = self._file.attrs
+        state = simulator.state
+        first = {"q": state.q[None].copy(), "v": state.v[None].copy(), "time": np.array([state.time])}
+        first |= self._sample(0, 0)
+        self._blocks = [_Block(first, 0, 0, simulator.state_hash)]  # the first of them is in the file
+        self._writing = Lock()
+        _files.write(self._path, _hdf5.made(lambda file: self._begin(file, kept)))
+        self._file = self._path.open("r+b", buffering=0)
+        self._kept = time.monotonic()
+
+    def _begin(self, file: h5py.File, kept: Mapping[str, str]) -> None:
+        from signorini.view.looks import Looks
+
+        simulator, attributes = self._simulator, file.attrs
         attributes["format"], attributes["version"] = FORMAT, VERSION
         for name, words in kept.items():
             attributes[name] = words
-        attributes["time_step"] = time_step
+        attributes["time_step"] = simulator.settings.time_step
         attributes["contacts_every"] = self._every
         attributes["complete"], attributes["state_hash"] = 0, ""
-        self._file["start"] = np.frombuffer(simulator.save(), np.uint8)
-        for name, values in looks.items():
-            self._file.create_dataset(
+        file["start"] = np.frombuffer(simulator.save(), np.uint8)
+        for name, values in Looks.of(simulator.world).arrays().items():
+            file.create_dataset(
                 f"looks/{name}", data=values, **({"shuffle": True, "compression": "gzip"} if values.size else {})
             )
         real, small = np.float64, np.float32
@@ -192,76 +176,110 @@ class Recorder:
             ("contacts/geometries", 2, np.int32), ("contacts/position", 3, small), ("contacts/normal", 3, small),
             ("contacts/force", 3, small), ("contacts/gap", None, small), ("contacts/friction", None, small),
         ]  # fmt: skip
-        self._columns = {name: _Column(self._file, name, width, kind) for name, width, kind in columns}
-        self._append("q", simulator.state.q[None])
-        self._append("v", simulator.state.v[None])
-        self._append("time", [simulator.state.time])
-        self._sample(None)
-        self._file.swmr_mode = True
-        self._keep()
+        for name, width, kind in columns:
+            row_bytes = np.dtype(kind).itemsize * max(1, width or 1)
+            shape = (0,) if width is None else (0, width)
+            most = (None, *(extent or None for extent in shape[1:]))  # without actuators, control has width 0
+            chunks = (int(np.clip(_CHUNK_BYTES // row_bytes, 1, 512)), *(max(1, extent) for extent in shape[1:]))
+            file.create_dataset(
+                name, shape, kind, maxshape=most, chunks=chunks, shuffle=True, compression="gzip", compression_opts=1
+            )
+        _append(file, self._blocks)
 
     def run(
         self, num_steps: int, controls: ArrayLike | None = None, *, controller: Callable[[], None] | None = None
     ) -> Trace:
         """Simulator.run(), recorded. controls: num_steps x num_controls, or None: the control as it is, or as the
-        controller sets it."""
+        controller sets it.
+
+        Raises as that does; InvalidInputError where the simulator is no longer as the last recorded step left it, which
+        would leave a hole; OSError where the file cannot be written, which keeps what was written before.
+        """
+        if self._file.closed:
+            raise InvalidInputError("recorder: is closed")
+        if self._simulator.state_hash != self._blocks[-1].state_hash:
+            raise InvalidInputError(
+                f"simulator: is no longer as after step {self._blocks[-1].last_row} of {self._path}; a recording has "
+                "every step, and ends there"
+            )
         given = None if controls is None else np.asarray(controls, dtype=np.float64)
-        traces = []
+        traces: list[Trace] = []
         done = 0
-        while done < num_steps:
-            count = min(num_steps - done, self._every - (self._columns["q"].size - 1) % self._every)
+        while done < num_steps or not traces:
+            count = min(num_steps - done, self._every - self._blocks[-1].last_row % self._every)
             applied = None if given is None else given[done : done + count]
-            traces.append(self._simulator.run(count, applied, controller=controller, keep_states=True))
-            self._add(traces[-1])
+            parts: list[Trace] = []
+            try:
+                for part in self._simulator._traces(count, applied, controller, True):
+                    parts.append(part)
+                    self._simulator._check_solved()
+            finally:
+                if parts:
+                    traces.append(joined(parts))
+                    self._add(traces[-1])
             done += count
-        return _one_trace(traces) if traces else self._simulator.run(0, keep_states=True)
+            if time.monotonic() - self._kept > KEEP_SECONDS:
+                self._keep()
+        return joined(traces)
 
     def _add(self, trace: Trace) -> None:
         states, controls = trace.states, trace.controls
         assert states is not None
-        self._state_hash = ""  # until every data set has its rows
         steps, num_q = len(states), self._simulator.state.q.size
-        time_step = self._simulator.settings.time_step
-        self._append("q", states[:, :num_q])
-        self._append("v", states[:, num_q:])
-        self._append("time", self._simulator.state.time - time_step * np.arange(steps - 1, -1, -1))
-        self._append("control", np.tile(self._simulator.control, (steps, 1)) if controls is None else controls)
-        for name in _STEP_ROWS[1:]:
-            self._append(name, getattr(trace, name))
-        if (self._columns["q"].size - 1) % self._every == 0:
-            self._sample(self._contacts())
-        self._state_hash = self._simulator.state_hash
-        if time.monotonic() - self._kept > KEEP_SECONDS:
-            self._keep()
+        if steps == 0:
+            return
+        time_step, last = self._simulator.settings.time_step, self._blocks[-1]
+        rows = {
+            "q": states[:, :num_q],
+            "v": states[:, num_q:],
+            "time": self._simulator.state.time - time_step * np.arange(steps - 1, -1, -1),
+            "control": np.tile(self._simulator.control, (steps, 1)) if controls is None else controls,
+            **{name: getattr(trace, name) for name in _STEP_ROWS[1:]},
+        }
+        row, contact = last.last_row + steps, last.last_contact
+        if row % self._every == 0:
+            contacts = self._contacts()
+            contact += len(contacts)
+            rows |= {f"contacts/{name}": getattr(contacts, name) for name in _CONTACT_ROWS}
+            rows |= self._sample(row, contact)
+        self._blocks.append(_Block(rows, row, contact, self._simulator.state_hash))
 
-    def _sample(self, contacts: Contacts | None) -> None:
-        """Energy of the present state, and the contacts of the step that led to it."""
+    def _sample(self, row: int, last_contact: int) -> dict[str, NDArray[Any]]:
         energy = self._simulator.energy
-        self._append("samples/row", [self._columns["q"].size - 1])
-        self._append("samples/kinetic", [energy.kinetic])
-        self._append("samples/potential", [energy.potential])
-        if contacts is not None:
-            for name in _CONTACT_ROWS:
-                self._append(f"contacts/{name}", getattr(contacts, name))
-        self._append("samples/last_contact", [self._columns["contacts/gap"].size])
+        values = row, energy.kinetic, energy.potential, last_contact
+        return {f"samples/{name}": np.array([value]) for name, value in zip(_SAMPLE_ROWS, values, strict=True)}
 
-    def _append(self, name: str, rows: Any) -> None:
-        self._columns[name].append(np.asarray(rows))
+    def _keep(self, complete: int | None = None) -> None:
+        """Writes the blocks that the file has not; later, if others read it just now and there is time."""
+        patient = complete is None and time.monotonic() - self._kept < 10.0 * KEEP_SECONDS
+        try:
+            _hdf5.uninterrupted(lambda: self._write(complete, patient))
+        except OSError as error:
+            error.filename = error.filename or str(self._path)
+            raise
 
-    def _keep(self) -> None:
-        for column in self._columns.values():
-            column.keep()
-        self._file.flush()
-        self._kept = time.monotonic()
+    def _write(self, complete: int | None, patient: bool) -> None:
+        with self._writing:
+            blocks = self._blocks[:]
+
+            def write(file: h5py.File) -> None:
+                there = len(file["time"]) - 1  # also of a change that an error came after
+                _append(file, [block for block in blocks if block.last_row > there])
+                if complete is not None:
+                    file.attrs["complete"], file.attrs["state_hash"] = complete, blocks[-1].state_hash
+
+            if _hdf5.change(self._file.fileno(), write, patient=patient):
+                del self._blocks[: len(blocks) - 1]
+                self._kept = time.monotonic()
 
     def close(self, *, complete: bool = True) -> None:
-        if not self._file:
+        """Writes what is left. complete: whether the run ended as planned. Raises OSError."""
+        if self._file.closed:
             return
-        self._keep()
-        self._file.close()
-        with suppress(OSError), h5py.File(self._path, "r+") as file:  # OSError: moved or deleted meanwhile
-            file.attrs["complete"] = int(complete)
-            file.attrs["state_hash"] = self._state_hash
+        try:
+            self._keep(int(complete))
+        finally:
+            self._file.close()
 
     def __enter__(self) -> Recorder:
         return self
@@ -272,12 +290,14 @@ class Recorder:
         self.close(complete=kind is None)
 
 
-def _one_trace(traces: list[Trace]) -> Trace:
-    columns: dict[str, Any] = {}
-    for field in fields(Trace):
-        parts = [getattr(trace, field.name) for trace in traces]
-        columns[field.name] = None if parts[0] is None else np.concatenate(parts)
-    return Trace(**columns)
+def _append(file: h5py.File, blocks: Sequence[_Block]) -> None:
+    for name in _LAYOUT:
+        rows = [block.rows[name] for block in blocks if name in block.rows]
+        if rows:
+            data, added = file[name], np.concatenate(rows)
+            size = len(data)
+            data.resize(size + len(added), axis=0)
+            data[size:] = added
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,7 +326,7 @@ class Samples:
 class Recording:
     """A recording read back: docs/recordings.md has the fields. Step k leads from q[k], v[k] to q[k + 1], v[k + 1].
 
-    state_hash: of the last state; empty when the writer was killed or stopped amid a row. samples: empty in version 1.
+    state_hash: of the last state; empty when the writer was killed. samples: empty in version 1.
     """
 
     source: dict[str, Any]
@@ -358,7 +378,7 @@ def read(path: str | PathLike[str]) -> Recording:
     if not path.is_file():
         raise InvalidInputError(f"{path}: {'is no file' if path.exists() else 'there is no such file'}")
     try:
-        with _open(path) as file:
+        with _hdf5.opened(path) as file:
             return _read(path, file)
     except (OSError, LookupError, ValueError, TypeError, RuntimeError, ArithmeticError, MemoryError) as error:
         if isinstance(error, InvalidInputError):
@@ -369,20 +389,10 @@ def read(path: str | PathLike[str]) -> Recording:
 def is_recording(path: str | PathLike[str]) -> bool:
     """Whether a file is HDF5 that says it is a recording of signorini; it may be damaged all the same."""
     try:
-        with _open(Path(path)) as file:
+        with _hdf5.opened(Path(path)) as file:
             return bool(file.attrs.get("format") == FORMAT)
     except (OSError, LookupError, ValueError, TypeError, RuntimeError):
         return False
-
-
-def _open(path: Path) -> Any:
-    """Its writer may be at work, or may have been killed; then the file says so, and HDF5 opens it on request only."""
-    with path.open("rb") as file:
-        head = file.read(36)
-    unfinished = len(head) == 36 and head[8] == 3 and head[11] == 5  # superblock of version 3: flags, end at 28
-    if unfinished and int.from_bytes(head[28:36], "little") > path.stat().st_size:
-        raise OSError("it is cut off")  # HDF5 would wait for the rest to be written
-    return h5py.File(path, "r", swmr=unfinished)
 
 
 def _read(path: Path, file: h5py.File) -> Recording:
@@ -393,7 +403,7 @@ def _read(path: Path, file: h5py.File) -> Recording:
     if version > VERSION:
         raise InvalidInputError(f"{path}: has version {version}, this program reads up to {VERSION}")
     complete = bool(held.integer("complete", 0, 1))
-    # An unfinished file may hold more of one data set than of another: as many steps count as all of them have.
+    # What earlier writers left may hold more of one data set than of another: as many steps count as all of them have.
     per_state = ["q", "v"] if version == 1 else ["q", "v", "time"]
     per_step = [name for name in _STEP_ROWS if version > 1 or name != "penetration"]
     data = {name: held.rows(name) for name in per_state + per_step}

@@ -1,7 +1,10 @@
 """Recordings, and the commands run, replay, scenes."""
 
+import errno
 import json
+import os
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -14,7 +17,7 @@ import pytest
 from conftest import REPOSITORY
 from typer.testing import CliRunner
 
-from signorini import InvalidInputError, Joint, Simulator, WorldBuilder, recording, scenes
+from signorini import InvalidInputError, Joint, Simulator, UnsolvedStepError, WorldBuilder, recording, scenes
 from signorini.cli.main import app
 from signorini.view.drawables import body_placements, drawables
 from signorini.view.looks import Looks
@@ -262,12 +265,236 @@ def test_a_killed_run_leaves_a_readable_recording(tmp_path):
     assert held.samples.row[-1] > held.num_steps - 20
     world = scenes.worlds()["cube-stack"](num_cubes=2).world
     assert recording.replay(held, Simulator(world, held.settings)) is None
-    with h5py.File(path, swmr=True) as file:  # as the documentation says
-        assert len(file["q"]) >= held.num_steps + 1
+    with h5py.File(path) as file:  # as the documentation says
+        assert len(file["q"]) == held.num_steps + 1
 
-    path.write_bytes(path.read_bytes()[:-5000])  # and the disk was full
+    path.write_bytes(path.read_bytes()[:-5000])
+    with pytest.raises(InvalidInputError, match="is not a readable recording .*truncated"):
+        recording.read(path)
+
+
+def cube():
+    return Simulator(scenes.worlds()["cube-stack"](num_cubes=1).world)
+
+
+def verified(path):
+    """The recording, every step of which is as it was made."""
+    held = recording.read(path)
+    assert recording.replay(held, cube()) is None
+    return held
+
+
+def test_a_file_is_as_before_or_as_after_at_every_write(tmp_path, monkeypatch):
+    """What a writer leaves that is killed then, also halfway through a write."""
+    path, simulator = tmp_path / "killed.h5", cube()
+    pwrite, ftruncate, left = os.pwrite, os.ftruncate, []
+    journaled = []
+
+    def watched_pwrite(descriptor, data, offset):
+        if offset < size:  # what is there is overwritten: the journal is whole
+            left.append(path.read_bytes())
+            journaled.append(left[-1])
+        pwrite(descriptor, data[: len(data) // 2], offset)
+        left.append(path.read_bytes())
+        return pwrite(descriptor, data, offset)
+
+    def watched_ftruncate(descriptor, size):
+        left.append(path.read_bytes())
+        ftruncate(descriptor, size)
+
+    monkeypatch.setattr(recording, "KEEP_SECONDS", 0.0)
+    with recording.Recorder(path, simulator, {}) as recorder:
+        recorder.run(5)
+        monkeypatch.undo()
+        size = path.stat().st_size
+        recorder.run(15)
+        monkeypatch.setattr(os, "pwrite", watched_pwrite)
+        monkeypatch.setattr(os, "ftruncate", watched_ftruncate)
+    monkeypatch.undo()
+    steps = []
+    whole = verified(path)
+    for content in left:
+        path.write_bytes(content)
+        held = recording.read(path)
+        steps.append(held.num_steps)
+        for name in ("q", "v", "time", "relative", "penetration"):
+            assert np.array_equal(getattr(held, name), getattr(whole, name)[: len(getattr(held, name))])
+    assert steps == sorted(steps)
+    assert set(steps) == {5, 20}
+    damaged = bytearray(journaled[0])
+    damaged[-100] ^= 1
+    path.write_bytes(damaged)
+    assert verified(path).num_steps == 5
+
+
+def test_a_full_disk(tmp_path, monkeypatch):
+    """Is told, and costs what there was no space for."""
+    monkeypatch.setattr(recording, "KEEP_SECONDS", 0.0)
+    path = tmp_path / "full.h5"
+    command = ("run", "cube-stack", *SMALL, "--option", "slip=0.3", "--duration", 1, "--record", path)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for size in (1000, 100_000):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+        try:
+            result = invoke(*command)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        assert (result.exit_code, result.stderr.strip()) == (2, f"error: {path}: File too large")
+        assert path.exists() == (size > 1000)
+    assert 0 < recording.read(path).num_steps < 1000
+    assert "every state the same" in invoke("replay", path, "--verify").output
+
+
+def test_space_that_comes_back_loses_nothing(tmp_path, monkeypatch):
+    def full(descriptor, data, offset):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    path, simulator = tmp_path / "full.h5", cube()
+    with recording.Recorder(path, simulator, {}) as recorder:
+        monkeypatch.setattr(os, "pwrite", full)
+        monkeypatch.setattr(recording, "KEEP_SECONDS", 0.0)
+        with pytest.raises(OSError, match=re.escape(str(path))):
+            recorder.run(7)
+        monkeypatch.undo()
+        recorder.run(8)
+    assert verified(path).num_steps == 15
+
+
+@pytest.mark.parametrize("number", [3, 40, 45, 50, 60])
+def test_a_write_that_fails_halfway_loses_nothing(tmp_path, monkeypatch, number):
+    """Neither now nor when the writer goes on."""
+    pwrite, calls = os.pwrite, []
+
+    def failing(descriptor, data, offset):
+        calls.append(offset)
+        if len(calls) == number:
+            pwrite(descriptor, data[: len(data) // 2], offset)
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return pwrite(descriptor, data, offset)
+
+    path = tmp_path / "failing.h5"
+    with recording.Recorder(path, cube(), {}) as recorder:
+        recorder.run(10)
+        monkeypatch.setattr(os, "pwrite", failing)
+        monkeypatch.setattr(recording, "KEEP_SECONDS", 0.0)
+        with pytest.raises(OSError, match=re.escape(str(path))):
+            recorder.run(10)
+        monkeypatch.undo()
+        assert verified(path).num_steps in (0, 20)
+        recorder.run(700)
+    assert verified(path).num_steps == 720
+    with h5py.File(path) as file:
+        assert len(file["q"]) == 721
+
+
+def test_ctrl_c_at_any_time(tmp_path, monkeypatch):
+    """Leaves whole steps; those after it are recorded too, or refused."""
+    monkeypatch.setattr(recording, "KEEP_SECONDS", 0.0)
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    path, simulator = tmp_path / "stopped.h5", cube()
+    try:
+        for delay in np.linspace(1e-4, 2e-2, 12):
+            simulator.reset()
+            with recording.Recorder(path, simulator, {}) as recorder:
+                signal.setitimer(signal.ITIMER_REAL, delay)
+                with suppress(KeyboardInterrupt):
+                    while True:
+                        recorder.run(10)
+                with suppress(InvalidInputError):
+                    recorder.run(3)
+            held = verified(path)
+            assert held.complete
+            assert len(held.state_hash) == 16
+    finally:
+        signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize("blocks", [1, 4])
+def test_an_error_that_is_caught_leaves_no_hole(tmp_path, blocks):
+    """The steps before it are recorded, and those after it."""
+    calls = []
+
+    def fail():
+        calls.append(0)
+        if len(calls) == 6:
+            raise RuntimeError("caught")
+
+    path, simulator = tmp_path / "caught.h5", cube()
+    with recording.Recorder(path, simulator, {}, contacts_every=20 // blocks) as recorder:
+        with pytest.raises(RuntimeError, match="caught"):
+            recorder.run(20, controller=fail)
+        recorder.run(30)
+    held = verified(path)
+    assert (held.num_steps, held.samples.row.tolist()[1]) == (35, 20 // blocks)
+
+
+def test_a_step_that_is_not_solved_is_recorded(tmp_path):
+    path = tmp_path / "unsolved.h5"
+    world = scenes.worlds()["cube-stack"]().world
+    changes = {"solver": "pgs", "tolerance": 1e-14}
+    simulator = Simulator(world, **changes, on_unsolved="raise")
+    with recording.Recorder(path, simulator, {}) as recorder:
+        with pytest.raises(UnsolvedStepError):
+            recorder.run(3)
+        with suppress(UnsolvedStepError):
+            recorder.run(3)
+    held = recording.read(path)
+    assert held.num_steps == 6
+    assert recording.replay(held, Simulator(world, **changes)) is None
+
+
+def test_steps_that_others_made_are_refused(tmp_path):
+    path, simulator = tmp_path / "others.h5", cube()
+    with recording.Recorder(path, simulator, {}) as recorder:
+        recorder.run(4)
+        for change in (simulator.step, lambda: simulator.state.q.__setitem__(2, 3.0), simulator.reset):
+            change()
+            with pytest.raises(InvalidInputError, match="no longer as after step 4 of .*others.h5"):
+                recorder.run(1)
+    assert verified(path).num_steps == 4
+    with pytest.raises(InvalidInputError, match="closed"):
+        recorder.run(1)
+
+
+def test_a_recording_waits_for_who_reads_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(recording, "KEEP_SECONDS", 0.2)
+    path = tmp_path / "read.h5"
+    with recording.Recorder(path, cube(), {}) as recorder:
+        with h5py.File(path):
+            time.sleep(0.25)
+            recorder.run(10)
+            assert verified(path).num_steps == 0
+        recorder.run(10)
+        assert verified(path).num_steps == 20
+
+
+def test_what_earlier_writers_left_is_read(recorded, tmp_path):
+    """They had files marked as being written; HDF5 waits for ever for what is damaged in such a file."""
+    path = tmp_path / "killed.h5"
+    path.write_bytes(recorded.read_bytes())
+    with h5py.File(path, "r+", libver=("v110", "v110")) as file:
+        file.attrs["complete"] = 0
+        file.swmr_mode = True
+        left = path.read_bytes()
+    path.write_bytes(left)
+    with pytest.raises(OSError, match="already open"):
+        h5py.File(path)
+    assert recording.read(path).num_steps == 200
+    path.write_bytes(left[:-5000])
     with pytest.raises(InvalidInputError, match="cut off"):
         recording.read(path)
+    for header in re.finditer(b"OHDR|EAHD", left):
+        path.write_bytes(left[: header.start() + 10] + b"\xa5\x5a" + left[header.start() + 12 :])
+        with pytest.raises(InvalidInputError, match="killed.h5: is "):
+            recording.read(path)
+
+
+def test_what_is_no_file_cannot_be_a_recording(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for path, kind in ((pipe, "a pipe"), ("/dev/null", "a device")):
+        result = invoke("run", "cube-stack", *SMALL, "--duration", 0.01, "--record", path)
+        assert (result.exit_code, result.stderr.strip()) == (2, f"error: {path}: is {kind}, must be a file")
 
 
 def num_steps(path):
