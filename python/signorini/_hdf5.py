@@ -174,7 +174,7 @@ def opened(path: Path) -> Iterator[h5py.File]:
     with path.open("rb") as there:
         if not _locked(there.fileno(), fcntl.LOCK_SH, _PATIENCE):
             raise OSError("another program is writing it")
-        changes = _journal(there.fileno()) or _status_cleared(there.fileno())
+        changes = _journal(there.fileno())
         with h5py.File(_Changed(there.fileno(), changes) if changes else path, "r") as file:
             yield file
 
@@ -195,38 +195,3 @@ def _journal(descriptor: int) -> list[Change]:
         position += _ENTRY.size + length
         changes.append((offset, journal[position - length : position]))
     return changes
-
-
-def _status_cleared(descriptor: int) -> list[Change]:
-    """Earlier writers had files marked as being written by one with readers (superblock of version 3, status 5) as long
-    as they were. Where such a file is damaged, HDF5 would wait for its writer, for ever; so the mark is taken off."""
-    head = os.pread(descriptor, 48, 0)
-    if len(head) < 48 or head[:9] != b"\x89HDF\r\n\x1a\n\3" or head[9:12] != b"\x08\x08\x05":
-        return []
-    size = os.fstat(descriptor).st_size
-    if int.from_bytes(head[28:36], "little") > size:
-        raise OSError("it is cut off")
-    head = head[:11] + b"\0" + head[12:28] + size.to_bytes(8, "little") + head[36:44]
-    return [(0, head + _lookup3(head).to_bytes(4, "little"))]
-
-
-def _lookup3(data: bytes) -> int:
-    """The checksum of HDF5's metadata: Bob Jenkins' hash lookup3, of 44 bytes as those of a superblock."""
-    words: tuple[int, ...] = struct.unpack("<11I", data)
-
-    def turned(word: int, by: int) -> int:
-        return (word << by | word >> 32 - by) & 0xFFFFFFFF
-
-    a = b = c = 0xDEADBEEF + len(data)
-    for first in (0, 3, 6):
-        a, b, c = a + words[first], b + words[first + 1], c + words[first + 2]
-        for by in (4, 6, 8, 16, 19, 4):
-            a = (a - c & 0xFFFFFFFF) ^ turned(c & 0xFFFFFFFF, by)
-            c += b
-            a, b, c = b, c, a
-    a, b = a + words[9] & 0xFFFFFFFF, b + words[10] & 0xFFFFFFFF
-    c &= 0xFFFFFFFF
-    for by in (14, 11, 25, 16, 4, 14, 24):
-        c = (c ^ b) - turned(b, by) & 0xFFFFFFFF
-        a, b, c = b, c, a
-    return b

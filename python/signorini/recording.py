@@ -47,7 +47,6 @@ _LAYOUT: dict[str, tuple[str, int | None]] = {
 }  # fmt: skip
 _TAG_BYTES = 25  # of Simulator.save(): length and text of what names its version
 _LARGEST_COMPRESSION = 1032  # deflate cannot do better, so a data set that claims more is damaged
-_NOT_YET_WRITTEN = 2**28  # bytes that an earlier writer may have claimed before they were in the file
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +201,10 @@ class Recorder:
                 f"simulator: is no longer as after step {self._blocks[-1].last_row} of {self._path}; a recording has "
                 "every step, and ends there"
             )
-        given = None if controls is None else np.asarray(controls, dtype=np.float64)
+        given = None if controls is None else _arrays.numbers("controls", controls)
+        if given is not None and given.shape[:1] != (num_steps,):
+            width = self._simulator.control.size
+            raise InvalidInputError(f"controls: has shape {given.shape}, must be ({num_steps}, {width})")
         traces: list[Trace] = []
         done = 0
         while done < num_steps or not traces:
@@ -506,7 +508,7 @@ class _Held:
             self.fail(name, f"has entries of type {data.dtype}, must be {'numbers' if 'f' in kinds else 'integers'}")
         if data.is_virtual or data.external:
             self.fail(name, "keeps its data in another file, which is not supported")
-        if data.size * data.dtype.itemsize > _LARGEST_COMPRESSION * data.id.get_storage_size() + _NOT_YET_WRITTEN:
+        if data.size * data.dtype.itemsize > _LARGEST_COMPRESSION * data.id.get_storage_size():
             self.fail(name, f"claims {data.size} entries, more than the file holds")
         return data
 
