@@ -450,12 +450,7 @@ void Assembler::add_limits(const ConstVectorRef& q, const ConstVectorRef& v, con
   }
   for (const int t : limited_tendons_) {
     const Tendon& tendon = world_->tendons()[static_cast<std::size_t>(t)];
-    const auto rate = [&](const ConstVectorRef& u) {
-      double sum = 0.0;
-      for (const Tendon::Term& term : tendon.terms)
-        sum += term.coefficient * u[world_->joints()[static_cast<std::size_t>(term.joint)].v_index];
-      return std::abs(sum);
-    };
+    const auto rate = [&](const ConstVectorRef& u) { return std::abs(tendon_rate(tendon, u)); };
     const double reached = way(std::max({rate(v), rate(free_v), rate(reach)}));
     const double length = tendon_length(*world_, tendon, q);
     for (const bool lower : {true, false}) {
@@ -466,6 +461,43 @@ void Assembler::add_limits(const ConstVectorRef& q, const ConstVectorRef& v, con
       add_tendon_terms(sets_.back(), t, lower ? 1.0 : -1.0);
     }
   }
+}
+
+bool Assembler::passes_limit(const ConstVectorRef& q, const ConstVectorRef& u) const {
+  const auto passes = [&](SetSource source, int index, double gap, double rate) {
+    return gap + settings_.time_step * rate < 0.0 &&
+           std::none_of(
+               sets_.begin(), sets_.end(), [&](const Set& set) { return set.source == source && set.index == index; });
+  };
+  for (const int j : limited_joints_) {
+    const Joint& joint = world_->joints()[static_cast<std::size_t>(j)];
+    const Index k = joint.v_index;
+    if (joint.type == JointType::Ball) {
+      const Eigen::Quaterniond turn(Eigen::Vector4d(q.segment<4>(joint.q_index)));
+      const Vector3 angle = rotation_vector(turn.toRotationMatrix());
+      const double gap = joint.upper - angle.norm(), rate = -angle.normalized().dot(u.segment<3>(k));
+      if (!angle.isZero(1e-9) && passes(SetSource::UpperLimit, j, gap, rate)) return true;
+    } else if (passes(SetSource::LowerLimit, j, q[joint.q_index] - joint.lower, u[k]) ||
+               passes(SetSource::UpperLimit, j, joint.upper - q[joint.q_index], -u[k])) {
+      return true;
+    }
+  }
+  for (const int t : limited_tendons_) {
+    const Tendon& tendon = world_->tendons()[static_cast<std::size_t>(t)];
+    const double length = tendon_length(*world_, tendon, q), rate = tendon_rate(tendon, u);
+    const int index = static_cast<int>(world_->joints().size()) + t;
+    if (passes(SetSource::LowerLimit, index, length - tendon.lower, rate) ||
+        passes(SetSource::UpperLimit, index, tendon.upper - length, -rate))
+      return true;
+  }
+  return false;
+}
+
+double Assembler::tendon_rate(const Tendon& tendon, const ConstVectorRef& u) const {
+  double sum = 0.0;
+  for (const Tendon::Term& term : tendon.terms)
+    sum += term.coefficient * u[world_->joints()[static_cast<std::size_t>(term.joint)].v_index];
+  return sum;
 }
 
 void Assembler::add_joint_friction() {

@@ -356,7 +356,8 @@ const InverseDynamicsResult& InverseDynamics::Impl::solve(const Input& input) {
   check(input);
   const double dt = settings.time_step;
   u = input.v_next;
-  if (!turn_back(*world, dt, u)) throw InvalidInput("v_next", "turns a free body by more than about 1 rad in one step");
+  if (!turn_back(*world, dt, u))
+    throw InvalidInput("v_next", "turns a free body by more than about 20 rad in one step");
   dynamics.update_velocities(input.v);
   find_contacts(input);
   other.setZero();

@@ -137,7 +137,7 @@ struct Simulator::Impl {
         assembler(world, correction_settings(s)) {
     const Index nv = world->num_v();
     q = world->initial_q();
-    for (Vector* x : {&v, &applied, &force, &free_v}) *x = Vector::Zero(nv);
+    for (Vector* x : {&v, &applied, &force, &free_v, &reach}) *x = Vector::Zero(nv);
     implicit = friction_guess = Vector::Zero(dynamics.num_implicit());
     lower_guess = upper_guess = Vector::Zero(static_cast<Index>(world->joints().size() + world->tendons().size()));
     control = activation = input = Vector::Zero(world->num_controls());
@@ -152,6 +152,7 @@ struct Simulator::Impl {
   void find_motion();
   void find_contacts();
   bool find_meetings(int round);
+  bool passes_limits();
   void keep_round();
   void guess_from_round();
   std::uint64_t key_of(const Assembler::Set& set) const;
@@ -178,6 +179,7 @@ struct Simulator::Impl {
   Matrix wrench;
   Vector force, implicit, free_v;  // implicit: what depends on the new velocity, added to M (S2)
   Vector step_q, step_v;           // at the start of the last step
+  Vector reach;                    // limits that this speed comes near are in the problem
   GrowVector impulse, sigma;       // of all sets, those left out of the problem too
 
   // Impulses of the last step, for the next one to start from: of the contacts in world axes, three a point; of limits
@@ -411,6 +413,15 @@ bool Simulator::Impl::find_meetings(int round) {
   return false;
 }
 
+/// Whether the velocity just found leads past limits that are not in the problem: of a joint that was slow, and is hit.
+bool Simulator::Impl::passes_limits() {
+  const Vector& u = assembler.velocity();
+  if (!assembler.passes_limit(step_q, u)) return false;
+  reach = reach.cwiseMax(u.cwiseAbs());
+  keep_round();
+  return true;
+}
+
 /// The velocity at the end of the step: without constraint impulses (S1, S2); then contacts, the problem, its solution;
 /// again with those that a fast body meets on the way it would take now (S18).
 void Simulator::Impl::find_motion() {
@@ -421,13 +432,16 @@ void Simulator::Impl::find_motion() {
   free_v += step_v;
   find_contacts();
   report.iterations = report.factorizations = 0;
+  reach.setZero();
   int round = 0;
+  bool again = false;
   do {
-    assembler.assemble(dynamics, step_q, step_v, free_v, detector.points());
+    assembler.assemble(dynamics, step_q, step_v, free_v, detector.points(), &reach);
     make_guess();
-    if (round > 0) guess_from_round();
-    solve_contacts(round > 0);
-  } while (find_meetings(++round));
+    if (again) guess_from_round();
+    solve_contacts(again);
+    again = true;
+  } while (passes_limits() || find_meetings(++round));
 }
 
 const Vector& Simulator::rehearse(const ConstVectorRef& q, const ConstVectorRef& v, const Vector& force,

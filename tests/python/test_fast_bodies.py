@@ -1,11 +1,14 @@
 """Bodies that move farther in one step than contacts are looked for: they neither pass through anything nor feel what
 they pass beside."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import signorini
 from signorini import Box, Capsule, HeightField, InverseDynamics, Joint, Material, Simulator, Sphere, WorldBuilder
 
 STEPS = (1e-3, 1e-2)
@@ -422,3 +425,62 @@ def test_what_happens_in_one_place_does_not_depend_on_the_others():
             alone.step()
             for body in alone.world.bodies[1:]:
                 np.testing.assert_allclose(velocity(together, body.name), velocity(alone, body.name), atol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [Capsule(0.01, 0.5), Box((0.01, 0.01, 0.5))])
+def test_a_thin_rod_that_is_thrown_at_the_ground_gains_no_energy(shape):
+    thin, across = 1e-4 / 2, 0.5**2 / 3  # of 1 kg
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        builder = WorldBuilder(gravity=(0.0, 0.0, 0.0))
+        builder.add_ground(Material(friction=0.5))
+        turn = rng.normal(size=4)
+        joints, inertia = [Joint("rod", "free")], np.diag([across, across, thin])
+        builder.add_body("rod", joints=joints, position=(0, 0, 0.7), orientation=turn, mass=1.0, inertia=inertia)
+        builder.add_geometry("rod", shape, material=Material(friction=0.5))
+        simulator = Simulator(builder.build())
+        rotation = simulator.body_placement("rod")[1]
+        simulator.state.v[:3] = rotation.T @ (15 * rng.normal(), 15 * rng.normal(), -50.0)
+        start = energy = simulator.energy.kinetic
+        for _ in range(40):
+            simulator.step()
+            assert simulator.energy.kinetic <= energy + 1e-6 * start
+            energy = simulator.energy.kinetic
+        assert simulator.report.unsolved == 0
+        assert energy < 0.9 * start
+
+
+@pytest.mark.parametrize("joint", ["prismatic", "revolute", "ball", "tendon"])
+def test_a_joint_that_was_slow_and_is_hit_does_not_pass_its_limit(joint):
+    start, limit = 0.005, 0.03  # the limit is farther away than a slow joint looks
+    slick = Material(friction=0.0)
+    builder = WorldBuilder(gravity=(0.0, 0.0, 0.0))
+    if joint in ("prismatic", "tendon"):
+        upper = math.inf if joint == "tendon" else limit
+        arm = Joint("arm", "prismatic", axis=(-1.0, 0.0, 0.0), upper=upper)
+    else:
+        arm = Joint("arm", joint, axis=(0.0, -1.0, 0.0), anchor=(0.0, 0.0, -1.0), upper=limit)
+    builder.add_body("arm", joints=[arm], mass=1.0, inertia=0.01 * np.eye(3))
+    builder.add_geometry("arm", Box((0.05, 0.05, 0.05)), material=slick)
+    if joint == "tendon":
+        builder.add_tendon("string", {"arm": 2.0}, upper=2 * limit)
+    builder.add_body("ball", joints=[Joint("ball", "free")], position=(0.25, 0, 0), mass=10.0, inertia=0.01 * np.eye(3))
+    builder.add_geometry("ball", Sphere(0.05), material=slick)
+    world = builder.build()
+    simulator = Simulator(world, tolerance=1e-9)
+    if joint == "ball":
+        simulator.state.q[:4] = 0.0, -math.sin(start / 2), 0.0, math.cos(start / 2)
+    else:
+        simulator.state.q[0] = start
+    simulator.state.v[-6] = -50.0
+    reached = 0.0
+    for _ in range(30):
+        q, v = simulator.state.q.copy(), simulator.state.v.copy()
+        simulator.step()
+        value = 2 * math.asin(np.linalg.norm(simulator.state.q[:3])) if joint == "ball" else simulator.state.q[0]
+        reached = max(reached, value)
+        undone = signorini.inverse_dynamics(world, (q, v), simulator.state.v, 1e-3, impulse_guess=simulator)
+        assert undone.solved
+        assert undone.force == pytest.approx(np.zeros(world.num_v), abs=1e-2)
+    assert reached == pytest.approx(limit, abs=1e-6)
+    assert simulator.report.unsolved == 0

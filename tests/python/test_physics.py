@@ -214,6 +214,23 @@ def test_a_tossed_tumbling_body_keeps_momentum_and_energy():
     assert simulator.energy.total == pytest.approx(energy, rel=1e-4)
 
 
+@pytest.mark.parametrize("spin", [(10.0, 0.0, 10.0), (30.0, 0.0, 300.0), (100.0, 0.0, 100.0), (0.0, 500.0, 2000.0)])
+@pytest.mark.parametrize("radius", [0.002, 0.05])
+def test_a_rod_keeps_its_energy_however_thin_it_is_and_fast_it_turns(radius, spin):
+    mass, length = 1.0, 0.2
+    across = mass * (length**2 / 12 + radius**2 / 4)
+    builder = WorldBuilder(gravity=(0.0, 0.0, 0.0))
+    joints = [Joint("rod", "free")]
+    builder.add_body("rod", joints=joints, mass=mass, inertia=np.diag([across, across, mass * radius**2 / 2]))
+    simulator = Simulator(builder.build())
+    simulator.state.v[3:] = spin
+    energy, momentum = simulator.energy.kinetic, simulator.momentum
+    for _ in range(200):
+        simulator.step()
+        assert simulator.energy.kinetic == pytest.approx(energy, rel=1e-11)
+    assert simulator.momentum == pytest.approx(momentum, abs=1e-11 * np.linalg.norm(momentum))
+
+
 def test_colliding_bodies_keep_momentum_and_lose_energy():
     builder = WorldBuilder(gravity=(0.0, 0.0, 0.0))
     rng = np.random.default_rng(3)

@@ -75,6 +75,8 @@ class Assembler {
   /// reach: limits that this velocity comes near are there too.
   void assemble(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v,
                 const ConstVectorRef& free_v, const std::vector<ContactPoint>& contacts, const Vector* reach = nullptr);
+  /// Whether the velocity u leads past a limit that has no set: assemble() again, with `reach`.
+  bool passes_limit(const ConstVectorRef& q, const ConstVectorRef& u) const;
   /// No sets, until the next assemble().
   void clear();
   const std::vector<Set>& sets() const { return sets_; }
@@ -136,6 +138,7 @@ class Assembler {
                   const ConstVectorRef& reach);
   void add_limit(SetSource source, int index, double gap, double stiffness, double damping);
   void add_moments();
+  double tendon_rate(const Tendon& tendon, const ConstVectorRef& u) const;
   void add_joint_friction();
   void add_equalities(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v);
   void correct(const ConstVectorRef& v);
