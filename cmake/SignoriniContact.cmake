@@ -70,7 +70,7 @@ if(CMAKE_SYSTEM_PROCESSOR MATCHES "^(x86_64|AMD64)$" AND CMAKE_CXX_COMPILER_ID M
   signorini_add_kernels(sse2)
   signorini_add_kernels(avx2 -mavx2 -mfma -ffp-contract=fast)
   signorini_add_kernels(avx512 -mavx512f -mavx512dq -mavx512vl -mprefer-vector-width=512 -mfma -ffp-contract=fast
-                        -Wno-maybe-uninitialized)  # of what GCC's own intrinsics leave open on purpose
+                        $<$<CXX_COMPILER_ID:GNU>:-Wno-maybe-uninitialized>)  # of what GCC's own intrinsics leave open on purpose
   set_property(SOURCE ${source_dir}/delassus/dense_kernels_dispatch.cpp ${source_dir}/solver/cone_kernels_dispatch.cpp
                APPEND PROPERTY COMPILE_DEFINITIONS SIGNORINI_KERNELS_X86)
 else()

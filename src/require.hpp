@@ -36,6 +36,11 @@ void require(bool allowed, const Field& field, Value value, const char* range) {
   if (!allowed) throw InvalidInput(field, "is " + in_full(value) + ", must be " + range);
 }
 
+inline void require_size(const char* field, Index size, Index wanted, bool may_be_empty = false) {
+  if (size == wanted || (may_be_empty && size == 0)) return;
+  throw InvalidInput(field, "has " + std::to_string(size) + " values, must have " + std::to_string(wanted));
+}
+
 /// Whether the sum of all |values| is at most 1e100: then each of them is a number, and as small.
 inline bool sum_is_bounded(const double* values, Index count) {
   double sums[4] = {0.0, 0.0, 0.0, 0.0};

@@ -30,6 +30,11 @@ class GrowVector : public Eigen::Map<Vector> {
   GrowVector(GrowVector&& other) noexcept : GrowVector() { swap(other); }
   template <typename Derived>
   GrowVector& operator=(const Eigen::MatrixBase<Derived>& other) {
+    std::vector<double> old;  // which `other` may read, as in a = G * a
+    if (other.size() > static_cast<Index>(memory_.capacity())) {
+      old.swap(memory_);
+      memory_.reserve(2 * old.size());
+    }
     resize(other.size());
     Base::operator=(other);
     return *this;

@@ -8,6 +8,7 @@
 namespace signorini {
 
 double* CoupledDelassus::reset(Index rows) {
+  require(rows >= 0, "rows", rows, "at least 0");
   size_ = rows;
   const auto count = static_cast<std::size_t>(rows * rows);
   if (values_.size() < count) values_.resize(count);

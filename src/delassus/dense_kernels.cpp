@@ -68,7 +68,7 @@ inline V zero() { return 0.0; }
 #endif
 
 /// y (m) -= x (m) * a.
-inline void axpy_minus(int m, double a, const double* x, double* y) {
+[[maybe_unused]] inline void axpy_minus(int m, double a, const double* x, double* y) {
   const V va = spread(a);
   int i = 0;
   for (; i + W <= m; i += W) store(y + i, minus_product(load(y + i), load(x + i), va));
@@ -605,7 +605,7 @@ void write_upper(int width, const double* diagonal, int ldl, int r, const double
 }
 
 /// inverse (kPanel x kPanel) = -L^-1 for the unit lower triangle L (k x k), padded with zeros.
-inline void negative_unit_inverse(int k, const double* l, int ldl, double* inverse) {
+[[maybe_unused]] inline void negative_unit_inverse(int k, const double* l, int ldl, double* inverse) {
   for (int i = 0; i < kPanel * kPanel; ++i) inverse[i] = 0.0;
   for (int j = 0; j < k; ++j) {
     double* x = inverse + j * kPanel;
@@ -638,7 +638,7 @@ inline void apply_inverse(int k, const double* inverse, double* b, int ldb) {
 }
 
 /// B (k x n) <- L^-1 B.
-inline void lower_solve(int k, int n, const double* inverse, double* b, int ldb) {
+[[maybe_unused]] inline void lower_solve(int k, int n, const double* inverse, double* b, int ldb) {
   constexpr int N = 4;
   int j = 0;
   for (; j + N <= n; j += N) apply_inverse<N>(k, inverse, b + j * ldb, ldb);
@@ -739,7 +739,7 @@ int factor_front(int p, int u, double* l, double* up, double* s, int* pivots, [[
     const int width = k1 - k0;
     if (p == k1 && u == 0) break;
     eliminate(width, n - k0, l + k0 * n + k0, n, p - k1, l + k1 * n + k0, n);
-    eliminate(width, p - k0, l + k0 * n + k0, n, u, up + k0, p);
+    if (u > 0) eliminate(width, p - k0, l + k0 * n + k0, n, u, up + k0, p);  // else `up` may be null
   }
   gemm_minus(u, u, p, l + p, n, up, p, s, u);
   return sign;

@@ -8,6 +8,21 @@
 #include "require.hpp"
 
 namespace signorini {
+namespace {
+
+void check_friction(double friction, Index contact) {
+  if (!(friction >= 0.0 && friction <= 1e6))
+    require(false, "friction[" + std::to_string(contact) + "]", friction, "in [0, 1e6]");
+}
+
+void check_interval(double lower, double upper, Index i) {
+  if (!(lower <= upper) || lower > 1e100 || upper < -1e100)
+    throw InvalidInput("constraints[" + std::to_string(i) + "]",
+                       "is the interval [" + in_full(lower) + ", " + in_full(upper) +
+                           "], must have lower <= upper and hold an impulse within +-1e100");
+}
+
+}  // namespace
 
 void project_friction_cone(double friction, const double* x, double* out) {
   const double t = length(x[0], x[1]), n = x[2];
@@ -39,6 +54,15 @@ void project(const ConstraintSet& set, const double* x, double* out) {
   }
 }
 
+void ConstraintSets::validate() const {
+  Index contact = 0;
+  for (std::size_t i = 0; i < sets_.size(); ++i) {
+    const ConstraintSet& set = sets_[i];
+    if (set.type == SetType::FrictionCone) check_friction(set.friction, contact++);
+    if (set.type == SetType::Interval) check_interval(set.lower, set.upper, static_cast<Index>(i));
+  }
+}
+
 ConstraintSets ConstraintSets::friction_cones(const ConstVectorRef& friction) {
   ConstraintSets sets;
   sets.sets_.reserve(static_cast<std::size_t>(friction.size()));
@@ -66,9 +90,7 @@ void ConstraintSets::clear() {
 }
 
 void ConstraintSets::add_friction_cone(double friction) {
-  if (!(friction >= 0.0 && friction <= 1e6)) {
-    require(false, "friction[" + std::to_string(num_contacts_) + "]", friction, "in [0, 1e6]");
-  }
+  check_friction(friction, num_contacts_);
   ConstraintSet set;
   set.friction = friction;
   add(set);
@@ -81,10 +103,7 @@ void ConstraintSets::add_half_line() {
 }
 
 void ConstraintSets::add_interval(double lower, double upper) {
-  if (!(lower <= upper) || lower > 1e100 || upper < -1e100)
-    throw InvalidInput("constraints[" + std::to_string(num_sets()) + "]",
-                       "is the interval [" + in_full(lower) + ", " + in_full(upper) +
-                           "], must have lower <= upper and hold an impulse within +-1e100");
+  check_interval(lower, upper, num_sets());
   ConstraintSet set;
   set.type = SetType::Interval;
   set.lower = lower;
@@ -100,10 +119,14 @@ void ConstraintSets::add_equality(Index count) {
 }
 
 void ConstraintSets::project(const ConstVectorRef& x, VectorRef out) const {
+  require_size("x", x.size(), size_);
+  require_size("out", out.size(), size_);
   for (const ConstraintSet& set : sets_) signorini::project(set, x.data() + set.offset, out.data() + set.offset);
 }
 
 void ConstraintSets::project_dual(const ConstVectorRef& x, VectorRef out) const {
+  require_size("x", x.size(), size_);
+  require_size("out", out.size(), size_);
   for (const ConstraintSet& set : sets_) {
     const double* v = x.data() + set.offset;
     double* o = out.data() + set.offset;

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "require.hpp"
+#include "signorini/delassus/dense.hpp"
 #include "signorini/errors.hpp"
 
 namespace signorini {
@@ -23,22 +24,8 @@ void check_entries(const GrowVector& v, const char* field, double lowest) {
 }
 
 /// What a problem has before it is assigned.
-class NoRows final : public DelassusOperator {
- public:
-  Index size() const override { return 0; }
-  void apply(const ConstVectorRef&, VectorRef) const override {}
-  void diagonal(VectorRef) const override {}
-  SparseMatrix matrix() const override { return SparseMatrix(); }
-  std::vector<int> islands(const ConstraintSets&) const override { return {}; }
-  std::shared_ptr<const DelassusOperator> restrict(const std::vector<Index>&) const override {
-    return std::make_shared<NoRows>();
-  }
-  void prepare(const ConstraintSets&, const ConstVectorRef&, const ConstVectorRef&,
-               std::unique_ptr<ScaledDelassus>&) const override {}
-};
-
 const std::shared_ptr<const DelassusOperator>& no_rows() {
-  static const std::shared_ptr<const DelassusOperator> shared = std::make_shared<NoRows>();
+  static const std::shared_ptr<const DelassusOperator> shared = std::make_shared<DenseDelassus>(Matrix(0, 0));
   return shared;
 }
 
@@ -53,10 +40,9 @@ ContactProblem::ContactProblem(std::shared_ptr<const DelassusOperator> delassus,
 
 void ContactProblem::assign(std::shared_ptr<const DelassusOperator> delassus, const ConstVectorRef& free_velocity,
                             const ConstraintSets& sets, const ConstVectorRef& compliance, double reference) {
-  if (!(reference >= 0.0 && reference <= kLargest))
-    throw InvalidInput("reference", "is " + in_full(reference) + ", must be in [0, 1e100]");
-  reference_ = reference;
   try {
+    require(reference >= 0.0 && reference <= kLargest, "reference", reference, "in [0, 1e100]");
+    reference_ = reference;
     take(std::move(delassus), free_velocity, sets, compliance);
   } catch (...) {
     delassus_ = no_rows();
@@ -78,6 +64,7 @@ void ContactProblem::take(std::shared_ptr<const DelassusOperator> delassus, cons
   check_size("free_velocity", free_velocity.size());
   check_size("sets", sets.size());
   if (compliance.size() > 0) check_size("compliance", compliance.size());
+  sets.validate();
   delassus->check(sets);
   delassus_ = std::move(delassus);
   free_velocity_ = free_velocity;
@@ -105,6 +92,8 @@ void ContactProblem::take(std::shared_ptr<const DelassusOperator> delassus, cons
 }
 
 void ContactProblem::velocity(const ConstVectorRef& impulse, VectorRef velocity) const {
+  require_size("impulse", impulse.size(), size());
+  require_size("velocity", velocity.size(), size());
   delassus_->apply(impulse, velocity);
   velocity += compliance_.cwiseProduct(impulse) + free_velocity_;
 }

@@ -21,11 +21,6 @@ constexpr double kReturns = 1e-11;    // of the fastest: the step leads to the w
 constexpr double kRehearsed = 1e-12;  // tolerance of that step
 constexpr double kReaches = 1e-6;     // [m] the wanted motion of a fast body that ends so near to a surface meets it
 
-void require_size(const char* field, Index size, Index wanted, bool may_be_empty = false) {
-  if (size == wanted || (may_be_empty && size == 0)) return;
-  throw InvalidInput(field, "has " + std::to_string(size) + " values, must have " + std::to_string(wanted));
-}
-
 }  // namespace
 
 struct InverseDynamics::Impl {

@@ -371,7 +371,7 @@ bool InteriorPoint::step() {
 
 void solve_interior_point(const ContactProblem& problem, const Settings& settings, InteriorPointWorkspace& w,
                           const Guess* guess, Solution& solution) {
-  constexpr int kWarmPatience = 10;  // steps without halving after which a warm start is given up
+  constexpr int kGiveUpAfter = 10;  // steps without halving after which a warm start is given up
   w.problem.setup(problem, 0.5 * settings.tolerance);
   InteriorPoint& method = w.method;
   Recorder recorder(problem, settings, solution);
@@ -392,7 +392,7 @@ void solve_interior_point(const ContactProblem& problem, const Settings& setting
       if (method.relative() < best) best = method.relative(), w.best = method.impulse();
       recorder.record(method.impulse(), w.problem, solution.factorizations + method.factorizations());
       if (method.relative() <= 0.5 * milestone) milestone = method.relative(), since = 0;
-      if (warm && ++since > kWarmPatience) break;
+      if (warm && ++since > kGiveUpAfter) break;
     }
     solution.factorizations += method.factorizations();
   }

@@ -182,6 +182,7 @@ void check_input(const ConstVectorRef& velocity, const ConstVectorRef& complianc
                                     std::to_string(sets.size()) + ", the rows of the constraints");
     require_finite(field, x);
   };
+  sets.validate();
   check_size("contact_velocity", velocity);
   check_size("compliance", compliance);
   if (guess) check_size("guess", *guess);

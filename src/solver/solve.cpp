@@ -1,7 +1,7 @@
 #include "signorini/solver/solve.hpp"
 
 #include <chrono>
-#include <string>
+#include <cmath>
 
 #include "require.hpp"
 #include "signorini/solver/admm.hpp"
@@ -41,17 +41,19 @@ Workspace::Workspace() : impl_(std::make_unique<Impl>()) {}
 Workspace::~Workspace() = default;
 Workspace::Workspace(Workspace&&) noexcept = default;
 Workspace& Workspace::operator=(Workspace&&) noexcept = default;
+Workspace::Impl& Workspace::impl() {
+  if (!impl_) impl_ = std::make_unique<Impl>();  // was moved from
+  return *impl_;
+}
 
 void solve(const ContactProblem& problem, const Settings& settings, Workspace& workspace, Solution& solution,
            const Guess* guess) {
   const auto start = std::chrono::steady_clock::now();
   settings.validate();
   if (guess) {
-    if (guess->impulse.size() != problem.size()) {
-      throw InvalidInput("guess", "has " + std::to_string(guess->impulse.size()) + " values, must have " +
-                                      std::to_string(problem.size()));
-    }
+    require_size("guess", guess->impulse.size(), problem.size());
     require_finite("guess", guess->impulse);
+    require(guess->penalty >= 0.0 && std::isfinite(guess->penalty), "guess penalty", guess->penalty, "finite and >= 0");
     if (zero_is_exact(problem)) guess = nullptr;
   }
   solution.status = Status::Invalid;

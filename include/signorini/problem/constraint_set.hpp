@@ -35,6 +35,8 @@ void project_friction_cone(double friction, const double* x, double* out);
 class ConstraintSets {
  public:
   ConstraintSets() = default;
+  ConstraintSets(const ConstraintSets&) = default;  // a move copies, so that none is left with rows and no sets
+  ConstraintSets& operator=(const ConstraintSets&) = default;
   /// One friction cone per entry of `friction`. Raises InvalidInput naming `friction[i]`.
   static ConstraintSets friction_cones(const ConstVectorRef& friction);
 
@@ -45,12 +47,14 @@ class ConstraintSets {
   void add_interval(double lower, double upper);
   /// count one-row sets.
   void add_equality(Index count = 1);
-  /// The same set again; its offset is replaced.
+  /// The same set again; its offset is replaced. Its numbers are checked by validate().
   void add(ConstraintSet set);
-  /// Of an interval; lower <= upper is the caller's business.
+  /// Of an interval; checked by validate().
   void set_bounds(Index i, double lower, double upper);
-  /// Replaces the coefficient of a friction cone.
+  /// Replaces the coefficient of a friction cone; checked by validate().
   void set_friction(Index i, double friction);
+  /// Raises InvalidInput as the functions above do that add a set. Called by ContactProblem.
+  void validate() const;
   /// No sets again; the memory is kept.
   void clear();
   /// Memory for so many sets.

@@ -25,6 +25,10 @@ class ContactProblem {
   ContactProblem(std::shared_ptr<const DelassusOperator> delassus, const ConstVectorRef& free_velocity,
                  const ConstraintSets& sets, const ConstVectorRef& compliance = Vector());
 
+  /// A move copies: what was moved from would be left with some of its parts.
+  ContactProblem(const ContactProblem&) = default;
+  ContactProblem& operator=(const ContactProblem&) = default;
+
   /// The same in place, for a stepping loop: allocates nothing for sizes already seen. Where it raises, the problem is
   /// left without rows. The operator may be the one of before, with new values in it.
   /// reference: for a problem that is part of a larger one, max |g| / sqrt(d) over the sets that are not in it, which

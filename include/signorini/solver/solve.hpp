@@ -15,7 +15,7 @@ class Workspace {
   Workspace& operator=(Workspace&&) noexcept;
 
   struct Impl;
-  Impl& impl() { return *impl_; }
+  Impl& impl();
 
  private:
   std::unique_ptr<Impl> impl_;

@@ -134,4 +134,18 @@ BOOST_AUTO_TEST_CASE(bad_sets_are_refused_by_name) {
   BOOST_TEST(sets.size() == 0);
   sets.add_interval(-kInfinity, kInfinity);
   BOOST_TEST(sets.size() == 1);
+  ConstraintSet set;
+  set.friction = kNan;
+  sets.add(set);
+  BOOST_TEST(refused_field([&] { ContactProblem(dense(Matrix::Identity(4, 4)), Vector::Zero(4), sets); }) ==
+             "friction[0]");
+  Vector out(4);
+  BOOST_TEST(refused_field([&] { sets.project(Vector::Zero(5), out); }) == "x");
+}
+
+BOOST_AUTO_TEST_CASE(a_move_leaves_no_half_sets) {
+  ConstraintSets sets = one_of_each(0.5);
+  const ConstraintSets moved = std::move(sets);
+  BOOST_TEST(moved.num_sets() == 5);
+  BOOST_TEST((sets.size() == 0) == (sets.num_sets() == 0));
 }

@@ -143,4 +143,45 @@ BOOST_AUTO_TEST_CASE(settings_and_guess_are_checked) {
   BOOST_TEST(refused_guess(vector3(0.0, kNan, 0.0)) == "guess[1]");
   BOOST_TEST(refused_guess(vector3(0.0, 0.0, -kInfinity)) == "guess[2]");
   BOOST_TEST(refused_guess(vector3(5.0, 0.0, -3.0)) == "");  // needs not be feasible
+  for (const double penalty : {-1.0, kNan, kInfinity}) {
+    Guess guess;
+    guess.impulse = Vector::Zero(3), guess.penalty = penalty;
+    BOOST_TEST(refused_field([&] { solve(problem, Settings(), &guess); }) == "guess penalty");
+  }
+}
+
+BOOST_AUTO_TEST_CASE(an_impulse_of_another_size_is_refused) {
+  const ContactProblem problem = point_on_ground(1.0, 0.5, vector3(0.0, 0.0, -1.0));
+  Vector sigma(3), few(2);
+  for (const Index size : {0, 2, 4}) {
+    BOOST_TEST(refused_field([&] { residual(problem, Vector::Zero(size)); }) == "impulse");
+    BOOST_TEST(refused_field([&] { problem.velocity(Vector::Zero(size), sigma); }) == "impulse");
+  }
+  BOOST_TEST(refused_field([&] { residual(problem, Vector::Zero(3), Law::Ncp, few); }) == "velocity");
+}
+
+BOOST_AUTO_TEST_CASE(a_refused_assignment_leaves_no_rows) {
+  ContactProblem problem = point_on_ground(1.0, 0.5, vector3(0.0, 0.0, -1.0));
+  const auto again = [&] { problem.assign(problem.delassus_ptr(), Vector::Zero(3), problem.sets(), Vector(), kNan); };
+  BOOST_TEST(refused_field(again) == "reference");
+  BOOST_TEST(problem.size() == 0);
+}
+
+BOOST_AUTO_TEST_CASE(what_was_moved_from_can_be_used) {
+  ContactProblem problem = point_on_ground(1.0, 0.5, vector3(0.0, 0.0, -1.0));
+  Workspace workspace;
+  Solution solution;
+  const ContactProblem other = std::move(problem);
+  Workspace others = std::move(workspace);
+  solve(problem, Settings(), workspace, solution);
+  solve(other, Settings(), others, solution);
+  BOOST_TEST((solution.status == Status::Solved));
+}
+
+BOOST_AUTO_TEST_CASE(a_vector_may_grow_into_what_is_computed_from_it) {
+  GrowVector vector = vector3(1.0, 2.0, 3.0);
+  vector = Matrix::Ones(50, 3) * vector;
+  BOOST_TEST((vector.size() == 50 && (vector.array() == 6.0).all()));
+  vector = vector.replicate(10, 1);
+  BOOST_TEST((vector.size() == 500 && (vector.array() == 6.0).all()));
 }
