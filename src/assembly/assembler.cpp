@@ -421,8 +421,9 @@ void Assembler::add_limit(SetSource source, int index, double gap, double stiffn
 }
 
 void Assembler::add_limits(const ConstVectorRef& q, const ConstVectorRef& v, const ConstVectorRef& free_v,
-                           const ConstVectorRef& reach) {
+                           const Vector* reach) {
   // Rows only where the limit is within reach: twice the way of a step, and a little.
+  const auto reached_by = [reach](Index k) { return reach ? std::abs((*reach)[k]) : 0.0; };
   const auto way = [this](double speed) { return 2.0 * settings_.time_step * speed + 2e-3; };
   for (const int j : limited_joints_) {
     const Joint& joint = world_->joints()[static_cast<std::size_t>(j)];
@@ -430,8 +431,8 @@ void Assembler::add_limits(const ConstVectorRef& q, const ConstVectorRef& v, con
     if (joint.type == JointType::Ball) {
       const Eigen::Quaterniond turn(Eigen::Vector4d(q.segment<4>(joint.q_index)));
       const Vector3 angle = rotation_vector(turn.toRotationMatrix());
-      const double fastest =
-          std::max({v.segment<3>(k).norm(), free_v.segment<3>(k).norm(), reach.segment<3>(k).norm()});
+      const Vector3 reached(reached_by(k), reached_by(k + 1), reached_by(k + 2));
+      const double fastest = std::max({v.segment<3>(k).norm(), free_v.segment<3>(k).norm(), reached.norm()});
       const double gap = joint.upper - angle.norm();
       if (!(gap <= way(fastest)) || angle.isZero(1e-9)) continue;
       add_limit(SetSource::UpperLimit, j, gap, joint.limit_stiffness, joint.limit_damping);
@@ -439,7 +440,7 @@ void Assembler::add_limits(const ConstVectorRef& q, const ConstVectorRef& v, con
       for (int i = 0; i < 3; ++i) add_term(sets_.back(), k + i, -axis[i]);
       continue;
     }
-    const double reached = way(std::max({std::abs(v[k]), std::abs(free_v[k]), std::abs(reach[k])}));
+    const double reached = way(std::max({std::abs(v[k]), std::abs(free_v[k]), reached_by(k)}));
     for (const bool lower : {true, false}) {
       const double gap = lower ? q[joint.q_index] - joint.lower : joint.upper - q[joint.q_index];
       if (!(gap <= reached)) continue;
@@ -450,8 +451,11 @@ void Assembler::add_limits(const ConstVectorRef& q, const ConstVectorRef& v, con
   }
   for (const int t : limited_tendons_) {
     const Tendon& tendon = world_->tendons()[static_cast<std::size_t>(t)];
-    const auto rate = [&](const ConstVectorRef& u) { return std::abs(tendon_rate(tendon, u)); };
-    const double reached = way(std::max({rate(v), rate(free_v), rate(reach)}));
+    double most = 0.0;
+    for (const Tendon::Term& term : tendon.terms)
+      most += std::abs(term.coefficient) * reached_by(world_->joints()[static_cast<std::size_t>(term.joint)].v_index);
+    const double reached =
+        way(std::max({std::abs(tendon_rate(tendon, v)), std::abs(tendon_rate(tendon, free_v)), most}));
     const double length = tendon_length(*world_, tendon, q);
     for (const bool lower : {true, false}) {
       const double gap = lower ? length - tendon.lower : tendon.upper - length;
@@ -997,7 +1001,7 @@ void Assembler::assemble(const Dynamics& dynamics, const ConstVectorRef& q, cons
   free_v_ = free_v;
   add_contacts(contacts);
   add_moments();
-  add_limits(q, v, free_v, reach ? ConstVectorRef(*reach) : free_v);
+  add_limits(q, v, free_v, reach);
   add_joint_friction();
   add_equalities(dynamics, q, v);
   correct(v);

@@ -236,7 +236,7 @@ void InverseDynamics::Impl::check(const Input& input) const {
   require_finite("moment_guess", input.moment_guess);
 }
 
-/// The constraints as the motion u meets them; with the limits that a motion `reach` comes near, or null.
+/// The constraints as the motion u meets them; with the limits that joints of the speeds `reach` come near, or null.
 void InverseDynamics::Impl::start(const Input& input, const Vector* reach) {
   assembler.assemble(dynamics, q, input.v, u, points, reach);
   const Index rows = assembler.num_rows();
@@ -503,7 +503,7 @@ bool InverseDynamics::Impl::change_inconsistent_bounces(const Input& input) {
 /// answer: again until they are right.
 void InverseDynamics::Impl::find_closest(const Input& input) {
   const Vector wanted = u;
-  Vector reach = u;
+  Vector reach = u.cwiseAbs();
   for (int round = 0; round < kRounds; ++round) {
     const Status status = move_or_say_why(input);
     find_impulses();
@@ -516,7 +516,7 @@ void InverseDynamics::Impl::find_closest(const Input& input) {
       solution.status = Status::MaxIterations;
       break;
     }
-    reach = reach.cwiseAbs().cwiseMax(u.cwiseAbs());
+    reach = reach.cwiseMax(u.cwiseAbs());
     u = wanted;
     if (missed)
       start(input, &reach);

@@ -484,3 +484,28 @@ def test_a_joint_that_was_slow_and_is_hit_does_not_pass_its_limit(joint):
         assert undone.force == pytest.approx(np.zeros(world.num_v), abs=1e-2)
     assert reached == pytest.approx(limit, abs=1e-6)
     assert simulator.report.unsolved == 0
+
+
+def test_a_tendon_between_joints_that_are_hit_against_each_other_does_not_pass_its_limit():
+    """Where their speeds are equal, what they change of its length would cancel without the signs."""
+    slick, limit = Material(friction=0.0), 0.03
+    builder = WorldBuilder(gravity=(0.0, 0.0, 0.0))
+    for name, side, y in (("left", -1.0, 0.0), ("right", 1.0, 1.0)):
+        joints = [Joint(name, "prismatic", axis=(1.0, 0.0, 0.0))]
+        builder.add_body(name, joints=joints, position=(0.0, y, 0.0), mass=1.0, inertia=0.01 * np.eye(3))
+        builder.add_geometry(name, Box((0.05, 0.05, 0.05)), material=slick)
+        ball = f"{name} ball"
+        joints = [Joint(ball, "free")]
+        builder.add_body(ball, joints=joints, position=(0.25 * side, y, 0), mass=10.0, inertia=0.01 * np.eye(3))
+        builder.add_geometry(ball, Sphere(0.05), material=slick)
+    builder.add_tendon("string", {"left": 1.0, "right": -1.0}, upper=limit)
+    simulator = Simulator(builder.build(), tolerance=1e-9)
+    world = simulator.world
+    for name, speed in (("left ball", 50.0), ("right ball", -50.0)):
+        simulator.state.v[world.v_slice(name).start] = speed
+    reached = 0.0
+    for _ in range(30):
+        simulator.step()
+        reached = max(reached, world.tendon_lengths(simulator.state.q)[0])
+    assert reached == pytest.approx(limit, abs=1e-6)
+    assert simulator.report.unsolved == 0

@@ -72,7 +72,7 @@ class Assembler {
 
   /// The sets, and g of all their rows. dynamics: updated at (q, v), and factored before select(); free_v: velocity at
   /// the end of the step without constraint impulses. With a wanted velocity instead, g is what inverse dynamics asks.
-  /// reach: limits that this velocity comes near are there too.
+  /// reach: limits that joints of these speeds could come near are there too, whichever way each moves.
   void assemble(const Dynamics& dynamics, const ConstVectorRef& q, const ConstVectorRef& v,
                 const ConstVectorRef& free_v, const std::vector<ContactPoint>& contacts, const Vector* reach = nullptr);
   /// Whether the velocity u leads past a limit that has no set: assemble() again, with `reach`.
@@ -134,8 +134,7 @@ class Assembler {
   /// velocity = J u of a set; twists: those of the frames at u.
   void set_velocity(const Set& set, const ConstVectorRef& u, const std::vector<Twist>& twists, double* velocity) const;
   void add_contacts(const std::vector<ContactPoint>& contacts);
-  void add_limits(const ConstVectorRef& q, const ConstVectorRef& v, const ConstVectorRef& free_v,
-                  const ConstVectorRef& reach);
+  void add_limits(const ConstVectorRef& q, const ConstVectorRef& v, const ConstVectorRef& free_v, const Vector* reach);
   void add_limit(SetSource source, int index, double gap, double stiffness, double damping);
   void add_moments();
   double tendon_rate(const Tendon& tendon, const ConstVectorRef& u) const;
