@@ -30,6 +30,7 @@ constexpr int kFixedPoint = 3, kNewton = 12;  // iterations
 constexpr double kSettled = 1e-14;            // of the angular velocity
 constexpr double kLongestTurn = 0.3;          // [rad] of a part of a step: Newton's method finds it for any inertia
 constexpr int kMostParts = 64;
+constexpr double kNoMethod = 100.0;  // [rad] of a part: numbers would overflow
 
 Matrix3 cross_matrix(const Vector3& x) {
   Matrix3 matrix;
@@ -56,6 +57,8 @@ Vector3 midpoint(const FreeBody& body, double dt, const Vector3& w, const Vector
     next = body.inverse_inertia * (turn_by(-0.5 * dt * (w + next)) * momentum);
     if (!((next - last).norm() > settled)) return next;
   }
+  const Vector3 fallback = next;
+  if (!(std::abs(dt) * w.norm() <= kNoMethod)) return fallback;
   if (!((next - last).norm() < 1e-3 * w.norm())) next = w;
   for (int k = 0; k < kNewton; ++k) {
     const Vector3 turn = 0.5 * dt * (w + next), turned = turn_by(-turn) * momentum;
@@ -64,7 +67,7 @@ Vector3 midpoint(const FreeBody& body, double dt, const Vector3& w, const Vector
     next += change;
     if (!(change.norm() > settled)) break;
   }
-  return next;
+  return next.allFinite() ? next : fallback;
 }
 
 int num_parts(double dt, const Vector3& w) {
