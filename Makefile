@@ -6,9 +6,9 @@ SIGNORINI_DATA ?= $(wildcard ../shared/data/contact_problems)
 export SIGNORINI_DATA
 
 venv := .venv
-bin := $(abspath $(venv))/bin
+bin := $(venv)/bin
 site = $(shell $(bin)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")
-export PATH := $(bin):$(PATH)
+export PATH := $(abspath $(bin)):$(PATH)
 export VIRTUAL_ENV := $(abspath $(venv))
 export CMAKE_BUILD_PARALLEL_LEVEL := $(JOBS)
 export PYTHONDONTWRITEBYTECODE :=
@@ -41,7 +41,7 @@ test-cpp-asan-ubsan: test-cpp-preset-asan-ubsan
 
 # Every C++ test in a build of its own: asan-ubsan, which make test runs, release, dev.
 test-cpp-preset-%: $(venv)/tools
-	$(bin)/cmake --preset $* -DCMAKE_PREFIX_PATH=$(site)
+	$(bin)/cmake --preset $* -DCMAKE_PREFIX_PATH="$(site)"
 	$(bin)/cmake --build --preset $*
 	ASAN_OPTIONS=detect_leaks=1 UBSAN_OPTIONS=print_stacktrace=1 $(bin)/ctest --preset $* -j $(JOBS)
 

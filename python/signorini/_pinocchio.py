@@ -16,7 +16,7 @@ def _pinocchio() -> Any:
     try:
         import pinocchio
     except ImportError:
-        raise ImportError('Pinocchio models need its Python package: pip install "signorini[peers]"') from None
+        raise ImportError("Pinocchio models need its Python package: pip install 'signorini[peers]'") from None
     return pinocchio
 
 

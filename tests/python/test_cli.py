@@ -45,7 +45,7 @@ def test_version():
 
 
 def test_as_a_program(folder):
-    command = [sys.executable, "-c", "from signorini.cli.main import main; main()", "solve", str(folder), "--json", "-"]
+    command = [sys.executable, "-m", "signorini", "solve", str(folder), "--json", "-"]
     result = subprocess.run(command, capture_output=True, text=True, check=True)
     assert len(load(result.stdout)["results"]) == 2  # nothing but JSON on standard output
 

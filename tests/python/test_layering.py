@@ -1,8 +1,10 @@
-"""The include rule of docs/architecture.md."""
+"""The include rule of docs/architecture.md, and what goes into the source distribution."""
 
 import re
 import shutil
 import subprocess
+import sys
+import tarfile
 from functools import lru_cache
 from pathlib import Path
 
@@ -133,3 +135,14 @@ def test_an_installed_copy_holds_the_contact_library_alone(tmp_path):
     ours = {p.relative_to(REPOSITORY / "include") for p in (REPOSITORY / "include").rglob("*.hpp")}
     wanted = {p for p in ours if p.parts[1] in ("types.hpp", "errors.hpp", "problem", "delassus", "solver")}
     assert {p.relative_to(tmp_path / "include") for p in (tmp_path / "include").rglob("*.hpp")} == wanted
+
+
+def test_source_distribution_holds_sources_only(tmp_path):
+    pytest.importorskip("scikit_build_core")
+    build = f"from scikit_build_core.build import build_sdist; build_sdist({str(tmp_path)!r})"
+    subprocess.run([sys.executable, "-c", build], cwd=REPOSITORY, check=True, capture_output=True)
+    (archive,) = tmp_path.iterdir()
+    with tarfile.open(archive) as held:
+        names = [name.partition("/")[2] for name in held.getnames()]
+    assert "bindings/module.cpp" in names
+    assert not [name for name in names if name.startswith(("build/", ".venv/", "results/"))]

@@ -453,7 +453,7 @@ def test_a_missing_package_is_named(dropped, monkeypatch, missing, command):
     output = dropped / f"missing.{'png' if command == 'picture' else 'mp4'}"
     result = invoke(command, dropped / "r.h5", output, "--size", "32x32")
     assert result.exit_code == 2
-    assert "pip install signorini[view]" in " ".join(result.output.split())
+    assert "pip install 'signorini[view]'" in " ".join(result.output.split())
     assert not output.exists()
 
 

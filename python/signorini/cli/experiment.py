@@ -110,7 +110,7 @@ def _show(console: Console, report: Report) -> None:
     for note in report.notes:
         console.print(f"note: {note}", soft_wrap=True)
     if not _plots.available():
-        console.print("note: no plot, matplotlib is missing: pip install signorini[plots]")
+        console.print("note: no plot, matplotlib is missing: pip install 'signorini[plots]'")
     for file in report.files:
         console.print(f"wrote {file}", soft_wrap=True)
 

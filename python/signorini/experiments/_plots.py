@@ -1,4 +1,4 @@
-"""Plots without a screen; matplotlib is optional (`pip install signorini[plots]`)."""
+"""Plots without a screen; matplotlib is optional (`pip install 'signorini[plots]'`)."""
 
 from __future__ import annotations
 

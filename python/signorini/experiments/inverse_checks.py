@@ -389,7 +389,7 @@ def run(options: Options, done: int) -> Checks:
             )
         )
     except ImportError:
-        out.notes.append("MuJoCo is missing (pip install signorini[mjcf]): not compared")
+        out.notes.append("MuJoCo is missing (pip install 'signorini[mjcf]'): not compared")
 
     options.progress(done + 9, total, "times")
     try:
@@ -422,5 +422,5 @@ def run(options: Options, done: int) -> Checks:
             for one in timed
         ]
     except ImportError:
-        out.notes.append("Pinocchio is missing (pip install signorini[peers]): not timed")
+        out.notes.append("Pinocchio is missing (pip install 'signorini[peers]'): not timed")
     return out

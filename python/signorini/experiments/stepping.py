@@ -55,7 +55,7 @@ def run(options: Options) -> Report:
         versions["MuJoCo"] = mujoco.__version__
         settings = _mujoco_settings.SETTINGS
     except ImportError:
-        notes.append("MuJoCo is missing (pip install signorini[mjcf]): ours alone")
+        notes.append("MuJoCo is missing (pip install 'signorini[mjcf]'): ours alone")
     numbers: dict[str, Any] = {"time_step": TIME_STEP, "tolerance": TOLERANCE, "steps": steps, "scenes": {}}
     rows: list[list[str]] = []
     verdicts: list[Verdict] = []

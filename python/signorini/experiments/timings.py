@@ -222,7 +222,7 @@ def run(options: Options, write_to: Path | None = None) -> Report:
         "has our scaling and acceleration.",
     ]
     if not any(solver.name.startswith("SCS") for solver in taking_part):
-        notes.append("SCS does not take part (pip install signorini[peers])")
+        notes.append("SCS does not take part (pip install 'signorini[peers]')")
     done = 0
     for scene, count in scene_steps.items():
 

@@ -45,7 +45,7 @@ def pieces(points: Array, triangles: npt.NDArray[np.int64]) -> list[Array]:
     Raises ImportError when coacd is missing, InvalidInputError when it fails.
     """
     if importlib.util.find_spec("coacd") is None:
-        raise ImportError("decompose: meshes are decomposed by CoACD: pip install signorini[meshes]")
+        raise ImportError("decompose: meshes are decomposed by CoACD: pip install 'signorini[meshes]'")
     if len(triangles) > MAX_TRIANGLES:
         raise InvalidInputError(f"has {len(triangles)} triangles, at most {MAX_TRIANGLES} are decomposed")
     points, corners = _merged(points, triangles)

@@ -66,7 +66,7 @@ def read(path: Path) -> Mjcf:
     try:
         import mujoco
     except ImportError as error:
-        raise ImportError(f"{path}: MJCF is compiled by MuJoCo: pip install signorini[mjcf] ({error})") from None
+        raise ImportError(f"{path}: MJCF is compiled by MuJoCo: pip install 'signorini[mjcf]' ({error})") from None
     if not path.is_file():
         raise InvalidInputError(f"{path}: there is no such file")
     _mjcf_scan.scan(path)

@@ -1,4 +1,4 @@
-"""Other people's solvers on our problems, judged by our certificate. All are optional: `pip install signorini[peers]`.
+"""Other people's solvers on our problems, judged by our certificate. All are optional: extra `peers`.
 
 `available()` are those installed here; each is a Peer with a name, a version and
 `solve(problem, law="ncp", tolerance=1e-6, max_iterations=...)`, which returns a PeerSolution.

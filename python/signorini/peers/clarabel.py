@@ -18,7 +18,7 @@ def version() -> str:
     try:
         import clarabel
     except ImportError as error:
-        raise PeerUnavailableError("clarabel is not installed: pip install signorini[peers]") from error
+        raise PeerUnavailableError("clarabel is not installed: pip install 'signorini[peers]'") from error
     return str(clarabel.__version__)
 
 

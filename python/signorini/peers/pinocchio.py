@@ -19,7 +19,7 @@ def version() -> str:
     try:
         import pinocchio
     except ImportError as error:
-        raise PeerUnavailableError("pinocchio is not installed: pip install signorini[peers]") from error
+        raise PeerUnavailableError("pinocchio is not installed: pip install 'signorini[peers]'") from error
     if not hasattr(pinocchio, "ADMMConstraintSolver"):
         raise PeerUnavailableError(f"pinocchio {pinocchio.__version__} has no ADMMConstraintSolver, 4.1 does")
     return str(pinocchio.__version__)

@@ -21,7 +21,7 @@ def version() -> str:
     try:
         import scs
     except ImportError as error:
-        raise PeerUnavailableError("scs is not installed: pip install signorini[peers]") from error
+        raise PeerUnavailableError("scs is not installed: pip install 'signorini[peers]'") from error
     return str(scs.__version__)
 
 

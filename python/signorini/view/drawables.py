@@ -126,7 +126,7 @@ def _of_file(file: MeshFile) -> list[tuple[Array, Triangles, Color | None, bool]
     try:
         import trimesh
     except ImportError as error:
-        raise ImportError(f"{file.path}: trimesh draws it: pip install signorini[view] ({error})") from None
+        raise ImportError(f"{file.path}: trimesh draws it: pip install 'signorini[view]' ({error})") from None
     try:
         scene = trimesh.load_scene(file.path)
         meshes = scene.dump()

@@ -206,7 +206,7 @@ def write_png(path: str | PathLike[str], image: Image) -> None:
     try:
         import PIL.Image
     except ImportError as error:
-        raise ImportError(f"{path}: pillow writes it: pip install signorini[view] ({error})") from None
+        raise ImportError(f"{path}: pillow writes it: pip install 'signorini[view]' ({error})") from None
     with _files.replacing(path) as target:
         PIL.Image.fromarray(image).save(target, "PNG", optimize=True)
 
@@ -245,7 +245,7 @@ class Stage:
             import embreex.mesh_construction
             import embreex.rtcore_scene  # noqa: F401
         except ImportError as error:
-            raise ImportError(f"pictures: embreex draws them: pip install signorini[view] ({error})") from None
+            raise ImportError(f"pictures: embreex draws them: pip install 'signorini[view]' ({error})") from None
         self.size = checked_size(size)
         chosen = [part for part in parts if part.collision == collision]
         self._planes = [part for part in chosen if part.flat]

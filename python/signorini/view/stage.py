@@ -37,7 +37,7 @@ def new_server(host: str, port: int) -> Any:
     try:
         import viser
     except ImportError as error:
-        raise ImportError(f"the page needs viser: pip install signorini[view] ({error})") from None
+        raise ImportError(f"the page needs viser: pip install 'signorini[view]' ({error})") from None
     try:  # viser takes the next port where this one is taken, and waits for ever where the address is none of ours
         socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET).close()
     except OSError as error:

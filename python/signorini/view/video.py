@@ -111,7 +111,7 @@ def _encoded(images: Iterable[Image], count: int, size: tuple[int, int]) -> tupl
         import PIL.features
         import PIL.Image
     except ImportError as error:
-        raise ImportError(f"films: pillow encodes them: pip install signorini[view] ({error})") from None
+        raise ImportError(f"films: pillow encodes them: pip install 'signorini[view]' ({error})") from None
     if not PIL.features.check("avif"):
         raise ImportError("films: this pillow was built without AVIF; its wheels from 11.3 on have it")
 
