@@ -198,13 +198,16 @@ def test_a_contact_given_twice_is_solved():
     np.testing.assert_allclose(j.T @ s.impulse, [-0.5, 0.0, 1.0], atol=1e-6)  # their sum is unique, they are not
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2, 6, 7, 8, 9, 10])
-def test_interior_point_in_mass_space_keeps_its_digits_where_contacts_slide(seed):
-    """Its 3 x 3 blocks end with condition numbers of 1e12 and more; inverted by cofactors, all of these stalled."""
-    rng = np.random.default_rng(seed)
-    j = rng.normal(size=(9, 12))
-    problem = ContactProblem.from_mass(np.eye(12), j, j @ rng.normal(size=12), rng.uniform(0.1, 2, 3))
-    assert signorini.solve(problem, "interior-point", "ccp", 1e-6).solved
+def test_interior_point_in_mass_space_keeps_its_digits_where_contacts_slide():
+    """Its 3 x 3 blocks end with condition numbers of 1e12 and more: inverted by cofactors, 92 of these are solved. By
+    elimination 177 with GCC and 175 with Clang, not the same ones."""
+    solved = 0
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        j = rng.normal(size=(9, 12))
+        problem = ContactProblem.from_mass(np.eye(12), j, j @ rng.normal(size=12), rng.uniform(0.1, 2, 3))
+        solved += signorini.solve(problem, "interior-point", "ccp", 1e-6).solved
+    assert solved >= 150
 
 
 @pytest.mark.parametrize("factor", [1e-6, 1e-3, 1e3, 1e6])
