@@ -16,16 +16,16 @@ from __future__ import annotations
 
 import fcntl
 import os
+import signal
 import struct
 import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, wait
 from contextlib import contextmanager, suppress
 from io import SEEK_END, SEEK_SET, RawIOBase
 from pathlib import Path
-from threading import Thread
-from typing import Any, TypeVar
+from threading import current_thread, main_thread
+from typing import Any
 
 import h5py
 
@@ -33,8 +33,8 @@ Change = tuple[int, bytes]  # offset and what is there from now on
 _MARK = b"signorini journal"
 _FOOTER = struct.Struct(f"<QI{len(_MARK)}s")  # bytes of the journal, their checksum, the mark: the end of the file
 _ENTRY = struct.Struct("<QQ")
+_SIGNALS = sorted(signal.Signals, reverse=True)  # SIGINT last
 _PATIENCE = 5.0  # how long to wait for others who have the file locked [s]
-_Result = TypeVar("_Result")
 
 
 class _Changed(RawIOBase):
@@ -124,27 +124,22 @@ def _commit(descriptor: int, before: int, changed: _Changed) -> None:
     os.ftruncate(descriptor, changed.end)
 
 
-def uninterrupted(work: Callable[[], _Result]) -> _Result:
-    """What work returns or raises. Ctrl-C and what other signals raise comes after it: they reach the main thread
-    alone, so it is done in another."""
-    future: Future[_Result] = Future()
-
-    def run() -> None:
-        try:
-            future.set_result(work())
-        except BaseException as error:
-            future.set_exception(error)
-
-    Thread(target=run).start()
-    interruption = None
-    while not future.done():
-        try:
-            wait([future])
-        except BaseException as error:
-            interruption = error
-    if interruption is not None:
-        raise interruption
-    return future.result()
+@contextmanager
+def signals_later() -> Iterator[None]:
+    """Ctrl-C, and what handlers of other signals raise, come after the block: amid a call of HDF5 it would crash."""
+    came: list[int] = []
+    handlers: dict[signal.Signals, Any] = {}
+    if current_thread() is main_thread():  # no other is interrupted
+        handlers = {number: handler for number in _SIGNALS if callable(handler := signal.getsignal(number))}
+    try:
+        for number in handlers:
+            signal.signal(number, lambda number, _: came.append(number))
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    for each in came:
+        signal.raise_signal(each)
 
 
 def _write(descriptor: int, offset: int, data: bytes) -> None:

@@ -345,7 +345,8 @@ def _read_global(file: _File, operator: str | None, check: bool) -> ContactProbl
     try:
         operator_with_force = _core.mass_space_delassus(_arrays.csc_arrays(mass), _arrays.csc_arrays(with_force))
     except InvalidInputError as error:
-        file.fail("fclib_global/M", str(error).removeprefix("mass: "))
+        field, _, words = str(error).partition(": ")
+        file.fail("fclib_global/M" if field == "mass" else "fclib_global/H or vectors/f", words)
     g = w[order] + operator_with_force.column(w.size)[:-1]
     arguments = _laws(mu, w.size - rows) | {"name": file.path.stem, "check": check}
     problem = ContactProblem.from_mass(mass, jacobian, g, **arguments)

@@ -12,7 +12,6 @@ from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from threading import Lock
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -145,7 +144,6 @@ class Recorder:
         first = {"q": state.q[None].copy(), "v": state.v[None].copy(), "time": np.array([state.time])}
         first |= self._sample(0, 0)
         self._blocks = [_Block(first, 0, 0, simulator.state_hash)]  # the first of them is in the file
-        self._writing = Lock()
         _files.write(self._path, _hdf5.made(lambda file: self._begin(file, kept)))
         self._file = self._path.open("r+b", buffering=0)
         self._kept = time.monotonic()
@@ -194,6 +192,7 @@ class Recorder:
         Raises as that does; InvalidInputError where the simulator is no longer as the last recorded step left it, which
         would leave a hole; OSError where the file cannot be written, which keeps what was written before.
         """
+        num_steps = _arrays.count("num_steps", num_steps, 0)
         if self._file.closed:
             raise InvalidInputError("recorder: is closed")
         if self._simulator.state_hash != self._blocks[-1].state_hash:
@@ -221,7 +220,8 @@ class Recorder:
                     self._add(traces[-1])
             done += count
             if time.monotonic() - self._kept > KEEP_SECONDS:
-                self._keep()
+                with _hdf5.signals_later():
+                    self._keep()
         return joined(traces)
 
     def _add(self, trace: Trace) -> None:
@@ -254,34 +254,30 @@ class Recorder:
     def _keep(self, complete: int | None = None) -> None:
         """Writes the blocks that the file has not; later, if others read it just now and there is time."""
         patient = complete is None and time.monotonic() - self._kept < 10.0 * KEEP_SECONDS
+
+        def write(file: h5py.File) -> None:
+            there = len(file["time"]) - 1  # also of a change that an error came after
+            _append(file, [block for block in self._blocks if block.last_row > there])
+            if complete is not None:
+                file.attrs["complete"], file.attrs["state_hash"] = complete, self._blocks[-1].state_hash
+
         try:
-            _hdf5.uninterrupted(lambda: self._write(complete, patient))
+            if _hdf5.change(self._file.fileno(), write, patient=patient):
+                del self._blocks[:-1]
+                self._kept = time.monotonic()
         except OSError as error:
             error.filename = error.filename or str(self._path)
             raise
 
-    def _write(self, complete: int | None, patient: bool) -> None:
-        with self._writing:
-            blocks = self._blocks[:]
-
-            def write(file: h5py.File) -> None:
-                there = len(file["time"]) - 1  # also of a change that an error came after
-                _append(file, [block for block in blocks if block.last_row > there])
-                if complete is not None:
-                    file.attrs["complete"], file.attrs["state_hash"] = complete, blocks[-1].state_hash
-
-            if _hdf5.change(self._file.fileno(), write, patient=patient):
-                del self._blocks[: len(blocks) - 1]
-                self._kept = time.monotonic()
-
     def close(self, *, complete: bool = True) -> None:
         """Writes what is left. complete: whether the run ended as planned. Raises OSError."""
-        if self._file.closed:
-            return
-        try:
-            self._keep(int(complete))
-        finally:
-            self._file.close()
+        with _hdf5.signals_later():
+            if self._file.closed:
+                return
+            try:
+                self._keep(int(complete))
+            finally:
+                self._file.close()
 
     def __enter__(self) -> Recorder:
         return self
@@ -289,7 +285,10 @@ class Recorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close(complete=kind is None)
+        try:
+            self.close(complete=kind is None)
+        finally:
+            self.close(complete=False)  # an interruption came before it had begun
 
 
 def _append(file: h5py.File, blocks: Sequence[_Block]) -> None:

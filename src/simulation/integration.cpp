@@ -28,7 +28,9 @@ void turn(VectorRef q, Index at, const Eigen::Quaterniond& by) {
 
 constexpr int kFixedPoint = 3, kNewton = 12;  // iterations
 constexpr double kSettled = 1e-14;            // of the angular velocity
-constexpr double kLongestTurn = 0.3;          // [rad] of a part of a step: Newton's method finds it for any inertia
+// [rad] of a part of a step: Newton's method finds it for any inertia. No round number: spins may be multiples of
+// those, and rounding would decide on the parts.
+constexpr double kLongestTurn = 0.2971828;
 constexpr int kMostParts = 64;
 constexpr double kNoMethod = 100.0;  // [rad] of a part: numbers would overflow
 
@@ -169,6 +171,7 @@ bool turn_back(const World& world, double dt, VectorRef v) {
   for (const FreeBody& body : w.free_bodies) {
     const Vector3 next = v.segment<3>(body.v + 3);  // at the end, in the frame there
     const Vector3 next_center = v.segment<3>(body.v) + next.cross(body.center);
+    const double momentum = (body.inertia * next).norm();
     const int parts = num_parts(dt, next);  // of the step back; the step itself may have had others
     Vector3 angular = next;
     Eigen::Quaterniond by = Eigen::Quaterniond::Identity();
@@ -177,7 +180,7 @@ bool turn_back(const World& world, double dt, VectorRef v) {
       Vector3 after;
       angular = before_free_turn(body, dt, next, k % 2 == 0 ? parts - k / 2 : parts + (k + 1) / 2);
       std::tie(by, after) = free_turn(body, dt, angular);
-      found = (after - next).norm() <= 1e-11 * next.norm();
+      found = (body.inertia * (after - next)).norm() <= 1e-9 * momentum;  // rounding spins thin bodies about themselves
     }
     if (!found) return false;
     v.segment<3>(body.v + 3) = angular;

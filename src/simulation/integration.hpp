@@ -15,7 +15,7 @@ void advance(const World& world, double time_step, VectorRef q, VectorRef v, con
 Vector3 mean_angular_velocity(const FreeBody& body, double time_step, const Vector3& angular);
 
 /// The inverse of what advance() does to v, in place. False where a free body turns so far in one step that it is not
-/// found (more than about 20 rad).
+/// found (about 20 rad, of a thin one less).
 bool turn_back(const World& world, double time_step, VectorRef v);
 
 }  // namespace signorini

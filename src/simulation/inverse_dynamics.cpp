@@ -352,7 +352,7 @@ const InverseDynamicsResult& InverseDynamics::Impl::solve(const Input& input) {
   const double dt = settings.time_step;
   u = input.v_next;
   if (!turn_back(*world, dt, u))
-    throw InvalidInput("v_next", "turns a free body by more than about 20 rad in one step");
+    throw InvalidInput("v_next", "turns a free body too far in one step (about 20 rad, of a thin one less)");
   dynamics.update_velocities(input.v);
   find_contacts(input);
   other.setZero();

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 
 import h5py
 import numpy as np
@@ -17,7 +17,16 @@ import pytest
 from conftest import REPOSITORY
 from typer.testing import CliRunner
 
-from signorini import InvalidInputError, Joint, Simulator, UnsolvedStepError, WorldBuilder, recording, scenes
+from signorini import (
+    InvalidInputError,
+    Joint,
+    Simulator,
+    UnsolvedStepError,
+    WorldBuilder,
+    _hdf5,
+    recording,
+    scenes,
+)
 from signorini.cli.main import app
 from signorini.view.drawables import body_placements, drawables
 from signorini.view.looks import Looks
@@ -678,6 +687,39 @@ def test_a_scene_with_a_controller_is_driven_recorded_and_replayed(monkeypatch, 
     assert result.exit_code == 0, result.output
     assert invoke("run", "sled", "--duration", 0.5, "--option", "rate=5", "--json", tmp_path / "o.json").exit_code == 0
     assert json.loads((tmp_path / "o.json").read_text())["state_hash"] == held.state_hash  # --hardest changed nothing
+
+
+def test_an_interruption_before_the_end_is_written_costs_nothing(tmp_path, monkeypatch):
+    path, came = tmp_path / "ends.h5", []
+
+    @contextmanager
+    def interrupted():
+        if not came:
+            came.append(1)
+            raise KeyboardInterrupt
+        yield
+
+    recorder = recording.Recorder(path, cube(), {})
+    recorder.run(10)
+    monkeypatch.setattr("signorini._hdf5.signals_later", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        recorder.__exit__(None, None, None)
+    held = verified(path)
+    assert (held.num_steps, held.complete) == (10, False)
+
+
+def test_handlers_are_the_same_after_writing_and_see_what_came_meanwhile():
+    came = []
+    before = signal.signal(signal.SIGALRM, lambda *_: came.append("late"))
+    handlers = [signal.getsignal(number) for number in signal.Signals]
+    try:
+        with _hdf5.signals_later():
+            signal.raise_signal(signal.SIGALRM)
+            assert came == []
+        assert came == ["late"]
+        assert [signal.getsignal(number) for number in signal.Signals] == handlers
+    finally:
+        signal.signal(signal.SIGALRM, before)
 
 
 def test_controls_are_one_row_a_step(tmp_path):
